@@ -183,9 +183,12 @@ class Solver:
                 groups = find_groups(*seen, floors, least)
             solve = self.iterate if groups.condition < 1 / DEPENDENCE_TOLERANCE else self.by_factor
             values, sums, passes, converged = solve(groups, start)
-            reach = np.sqrt(whole) * np.abs(values)  # of each error motion at the tip, over the machine's size
-            beyond = groups.condition > ILL_CONDITIONED and reach.max(initial=0.0) > LINEAR_SHARE
-            if converged and not beyond and self.misfit(sums) <= (1 + 1e-9) * self.misfit(start):
+            reach = (np.sqrt(whole) * np.abs(values)).max(initial=0.0)  # of error motions at the tip
+            if (
+                converged
+                and not (self.relinearised and reach > LINEAR_SHARE)
+                and self.misfit(sums) <= (1 + 1e-9) * self.misfit(start)
+            ):
                 break
             # the step along a weakly observable direction left the linear range: error motions get a prior of
             # physical size, which is tightened at each restart

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.conventions import FRAME
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
@@ -19,7 +18,6 @@ CLEARLY = 6.0  # log Bayes factor by which an empirical term must lead physics t
 NEAR = 0.1  # of the best evidence
 STIFF = 2  # parameters of an empirical term that can hardly adapt: a line, or a product of two
 FORM = 0.85  # share of the best empirical term's delta chi-squared that a name must explain: such terms fit anything
-DECIMALS = 2  # of a log Bayes factor: less is rounding
 ANOTHER_CAUSE = 0.95  # the same where another channel drives the empirical line
 
 
@@ -57,7 +55,7 @@ class Step:
 
 def choose(linear: LinearModel, steps: Sequence[Step], log: DecisionLog = UNRECORDED) -> Step:
     """The named effect with most evidence, unless an empirical term has more, or as much with fewer parameters."""
-    ranked = sorted(steps, key=lambda s: _rank(s, s.evidence))
+    ranked = sorted(steps, key=lambda s: -s.evidence)
     forms = [s for s in ranked if s.effect.empirical]
     names = _names(linear, [s for s in ranked if not s.effect.empirical], log)
     if not forms or (names and forms[0].evidence <= names[0].evidence + CLEARLY):
@@ -93,11 +91,6 @@ def choose(linear: LinearModel, steps: Sequence[Step], log: DecisionLog = UNRECO
     return _preferred(next(filter(explains_as_much, names), forms[0]), forms[0], log)
 
 
-def _rank(step: Step, evidence: float) -> tuple[float, bool]:
-    """Sorting key: more evidence first, and of the same column to the last digit that of a member of the machine."""
-    return -round(evidence, DECIMALS), step.effect.where == FRAME
-
-
 def _preferred(step: Step, other: Step, log: DecisionLog) -> Step:
     """The step, taken down as the preferred one, beside another."""
     beside = None if other is step else other.effect
@@ -120,7 +113,7 @@ def _names(linear: LinearModel, ranked: Sequence[Step], log: DecisionLog) -> lis
     log.set_aside(
         "near-tie", near, [s for s in near if s.evidence > least], lambda s: s.evidence, least, near[0].effect
     )
-    near = sorted((s for s in near if s.evidence > least), key=lambda s: _rank(s, left[id(s)]))
+    near = sorted((s for s in near if s.evidence > least), key=lambda s: -left[id(s)])
     log.set_aside("most-evidence", near, near[:1], lambda s: left[id(s)], left[id(near[0])], near[0].effect)
     return [*near, *(s for s in ranked if s not in near)]
 
