@@ -9,11 +9,13 @@ time is a motion that follows quick functions of the clock.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.conventions import MOTIONS
@@ -82,9 +84,17 @@ class Functions:
         rows, seen = len(self.factors[0]), np.arange(len(self.index))
         return np.asarray(csr_array((self.lever, (self.index, seen)), shape=(rows, len(seen))) @ whole)
 
-    def only(self, keep: Mask) -> Functions:
-        """The same at some of the observations."""
-        return replace(self, index=self.index[keep], lever=None if self.lever is None else self.lever[keep])
+
+def only(parts: Sequence[Functions], keep: Mask) -> list[Functions]:
+    """The same functions at some of the observations; of what they share, such as the lever of a motion, one copy."""
+    copies: dict[int, NDArray[Any]] = {}
+
+    def kept(own: NDArray[Any]) -> NDArray[Any]:
+        if id(own) not in copies:
+            copies[id(own)] = own[keep]
+        return copies[id(own)]
+
+    return [replace(p, index=kept(p.index), lever=None if p.lever is None else kept(p.lever)) for p in parts]
 
 
 def recorded(linear: LinearModel, rows: Index) -> list[Functions]:

@@ -25,12 +25,13 @@ from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
-from identification.diagnosis.results.recorded_functions import CLOCK, Functions, recorded
+from identification.diagnosis.results.recorded_functions import CLOCK, Functions, only, recorded
 from identification.diagnosis.search.criteria import heldout_rms
 from identification.estimation.noise import Noise, likeliest, series_edges
 
 LEAST_P_VALUE = 1e-3  # below which the dependence is reported: one false one in 1000 surveys
 FEWEST_ROWS, MOST_ROWS = 40, 800  # rows below which nothing is tested, and above which they are thinned out
+AT_ONCE = 1000  # functions whose statistics are kept at a time
 RESAMPLES = 199  # of each kind; the tail beyond is extrapolated
 FIRST_RESAMPLES, FIRST_P_VALUE = 39, 0.05  # a quick look, which ends nearly all tests of noise
 ENDS = 0.04  # of the rows: circular shifts by less leave the residual where it was
@@ -118,7 +119,7 @@ def dependence_of(
     basis = orthonormal_basis(basis[:, norms > 0] / norms[norms > 0])  # over the rows that are kept
     if len(residual) - basis.shape[1] < FEWEST_ROWS or not parts:
         return None
-    kept = [part.only(keep) for part in parts]
+    kept = only(parts, keep)
     p_value, best = _tested(residual, basis, index[keep], kept, FIRST_RESAMPLES)
     if p_value < FIRST_P_VALUE:
         # a drift depends on all that changes slowly: what correlated noise explains is filtered out of both sides
@@ -203,21 +204,25 @@ def _left(resamples: Array, q: Array, square: float) -> Array:
 
 def _largest(parts: Sequence[Functions], residual: Array, resamples: Array, series: list[slice]) -> tuple[float, int]:
     """The p-value of the largest standardised statistic among the `parts`, and the number of its part."""
-    whole = np.hstack([residual[:, None], resamples])
-    energy, summed = np.empty((len(parts), whole.shape[1])), dict[tuple[str, str], Array]()
-    for k, part in enumerate(parts):
-        if part.motion and part.filtered is None:  # over rows, of which there are fewer than observations
-            key = part.element, part.motion
-            if key not in summed:
-                summed[key] = part.summed(whole)
-            energy[k] = _energy(part.by_row, summed[key], [slice(None)])
-        else:
-            energy[k] = _energy(part.values, whole, _series_of(part, series))
-    normal = np.cbrt(energy)  # of Wilson and Hilferty: sums of squares become nearly normal
-    null = normal[:, 1:]
-    mean, spread = null.mean(axis=1, keepdims=True), null.std(axis=1, ddof=1, keepdims=True)
-    scores = (normal[:, 0] - mean[:, 0]) / spread[:, 0]
-    return _gumbel(float(scores.max()), ((null - mean) / spread).max(axis=0)), int(scores.argmax())
+    whole, summed = np.hstack([residual[:, None], resamples]), dict[tuple[str, str], Array]()
+    scores, largest = np.empty(len(parts)), np.full(resamples.shape[1], -np.inf)
+    for first in range(0, len(parts), AT_ONCE):
+        some = parts[first : first + AT_ONCE]
+        energy = np.empty((len(some), whole.shape[1]))
+        for k, part in enumerate(some):
+            if part.motion and part.filtered is None:  # over rows, of which there are fewer than observations
+                key = part.element, part.motion
+                if key not in summed:
+                    summed[key] = part.summed(whole)
+                energy[k] = _energy(part.by_row, summed[key], [slice(None)])
+            else:
+                energy[k] = _energy(part.values, whole, _series_of(part, series))
+        normal = np.cbrt(energy)  # of Wilson and Hilferty: sums of squares become nearly normal
+        null = normal[:, 1:]
+        mean, spread = null.mean(axis=1, keepdims=True), null.std(axis=1, ddof=1, keepdims=True)
+        scores[first : first + AT_ONCE] = (normal[:, 0] - mean[:, 0]) / spread[:, 0]
+        largest = np.maximum(largest, ((null - mean) / spread).max(axis=0))
+    return _gumbel(float(scores.max()), largest), int(scores.argmax())
 
 
 def _series_of(part: Functions, series: list[slice]) -> list[slice]:
