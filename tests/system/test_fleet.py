@@ -21,8 +21,6 @@ from identification.fleets.listing import read_list
 from tests.helpers.commands import MILL, Done, done, run, tree, write
 from tests.helpers.fleets import mill_fleet
 
-pytestmark = pytest.mark.every_figure
-
 ROOT = Path(__file__).resolve().parents[2]
 MACHINES, ODD = 7, 4
 
@@ -95,6 +93,7 @@ def test_the_page_shows_all_that_matters(made: Path) -> None:
     assert "http" not in re.sub(r"http://www\.w3\.org\S*|data:image[^\"]*", "", text)
 
 
+@pytest.mark.every_figure
 def test_a_part_is_what_the_command_writes(made: Path, tmp_path: Path) -> None:
     rows = (made / "list.csv").read_text().splitlines()[:2]
     write(tmp_path / "list.csv", "\n".join(rows).replace("data/", f"{made}/data/") + "\n")
@@ -113,6 +112,7 @@ def test_a_part_is_what_the_command_writes(made: Path, tmp_path: Path) -> None:
 # ---- whoever works
 
 
+@pytest.mark.every_figure
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("words", [("--workers", 2), ("--engine", "dask", "--workers", 2)], ids=["processes", "dask"])
 def test_the_same_bytes_whoever_works(words: tuple[object, ...], made: Path) -> None:
@@ -123,6 +123,7 @@ def test_the_same_bytes_whoever_works(words: tuple[object, ...], made: Path) -> 
     assert "100 %  7 of 7" in result.out
 
 
+@pytest.mark.every_figure
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="children are found in /proc")
 def test_a_worker_that_is_killed_costs_nothing(made: Path, tmp_path: Path) -> None:
     """Two workers; one is killed as soon as a part is there."""
@@ -138,6 +139,7 @@ def test_a_worker_that_is_killed_costs_nothing(made: Path, tmp_path: Path) -> No
     assert "failed" not in said
 
 
+@pytest.mark.every_figure
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT], ids=["killed", "Ctrl-C"])
 def test_a_run_that_was_stopped_goes_on_where_it_was(how: signal.Signals, made: Path, tmp_path: Path) -> None:
@@ -178,6 +180,7 @@ def children(process: int) -> list[int]:
 # ---- what is taken up
 
 
+@pytest.mark.every_figure
 def test_what_is_finished_is_taken_up_and_what_changed_is_made_anew(place: Path) -> None:
     out = place / "out"
     before, results = times(out), tree(out)
@@ -206,6 +209,7 @@ def test_what_is_finished_is_taken_up_and_what_changed_is_made_anew(place: Path)
 # ---- failures
 
 
+@pytest.mark.every_figure
 def test_a_survey_that_fails_stops_no_other(place: Path) -> None:
     survey = place / "data/m2_0.csv"
     good = survey.read_bytes()
