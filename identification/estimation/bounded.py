@@ -22,7 +22,8 @@ from errormodel.chain import Chain
 from errormodel.exceptions import nearest
 from errormodel.yamlfile import Document
 from identification.bayes.settings import PriorForm, prior_error
-from identification.estimation.least_squares import Solution, scaled_inverse
+from identification.estimation.least_squares import Solution
+from identification.estimation.scaled_equations import scaled_inverse
 from identification.observation.identifiability import Groups
 from identification.observation.normal_equations import total
 from identification.runtime.convex_solver import optimise

@@ -17,6 +17,7 @@ from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.kernel import KERNEL_BLOCK_ROWS
 from identification.estimation.normal_priors import known_beforehand
+from identification.estimation.scaled_equations import scaled_inverse, scaled_solve
 from identification.observation.assembly import group_order
 from identification.observation.identifiability import DEPENDENCE_TOLERANCE, Floors, Groups, find_groups
 from identification.observation.models import GapView, Kind, View
@@ -374,31 +375,3 @@ class Solver:
             self.sigma |= {kind: max(self.sigma[kind], least / reach[kind]) for kind in open_kinds}
             if all(abs(self.sigma[k] / before[k] - 1) < 1e-6 for k in open_kinds):
                 break
-
-
-def scaled_solve(gram: Array, slope: Array) -> Array:
-    """Solution of normal equations, scaled to unit diagonal."""
-    from scipy.linalg import cho_factor, cho_solve
-
-    if not len(slope):
-        return np.zeros(0)
-    d = 1 / np.sqrt(np.diag(gram))
-    unit = gram * np.outer(d, d)
-    try:
-        return np.asarray(d * cho_solve(cho_factor(unit), d * slope))
-    except np.linalg.LinAlgError:  # singular to round-off: minimum-norm step
-        return np.asarray(d * (np.linalg.pinv(unit, rcond=1e-12, hermitian=True) @ (d * slope)))
-
-
-def scaled_inverse(gram: Array) -> Array:
-    """Inverse of normal equations, scaled to unit diagonal."""
-    from scipy.linalg import cho_factor, cho_solve
-
-    if not len(gram):
-        return np.zeros((0, 0))
-    d = 1 / np.sqrt(np.diag(gram))
-    unit = gram * np.outer(d, d)
-    try:
-        return np.asarray(np.outer(d, d) * cho_solve(cho_factor(unit), np.eye(len(gram))))
-    except np.linalg.LinAlgError:
-        return np.asarray(np.outer(d, d) * np.linalg.pinv(unit, rcond=1e-12, hermitian=True))

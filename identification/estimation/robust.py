@@ -15,15 +15,10 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
-from identification.estimation.least_squares import (
-    Solution,
-    identifiable,
-    scaled_inverse,
-    scaled_solve,
-    solve,
-)
+from identification.estimation.least_squares import Solution, identifiable, solve
 from identification.estimation.noise import RESIDUAL_ROUND_OFF_SHARE
 from identification.estimation.normal_priors import known_beforehand
+from identification.estimation.scaled_equations import scaled_inverse, scaled_solve
 from identification.estimation.weights import Judgement, judge, no_majority
 from identification.observation.models import Kind, View
 from identification.observation.normal_equations import accumulate, design_rows, sampled, total, view_vector

@@ -14,7 +14,8 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 from errormodel.exceptions import InputError
-from identification.estimation.least_squares import Solver, observed, scaled_inverse, scaled_solve
+from identification.estimation.least_squares import Solver, observed
+from identification.estimation.scaled_equations import scaled_inverse, scaled_solve
 from identification.observation.assembly import Problem, group_order
 from identification.observation.identifiability import Groups
 from identification.observation.models import Kind, View

@@ -295,28 +295,21 @@ def other_model(path: Path) -> None:
     connection.close()
 
 
-def emptied(path: Path) -> None:
-    path.write_bytes(b"")
+def without(what: str) -> Callable[[Path], None]:
+    def harm(path: Path) -> None:
+        with sqlite3.connect(path) as connection:
+            connection.execute(what)
+        connection.close()
 
-
-def without_cycles(path: Path) -> None:
-    with sqlite3.connect(path) as connection:
-        connection.execute("drop table cycles")
-    connection.close()
-
-
-def of_no_model(path: Path) -> None:
-    with sqlite3.connect(path) as connection:
-        connection.execute("delete from about where key = 'model'")
-    connection.close()
+    return harm
 
 
 @pytest.mark.parametrize(
     ("harm", "said"),
     [
-        (emptied, "it is an empty file: the cycles that were learned are not in it"),
-        (without_cycles, "it has no table cycles: the cycles that were learned are not in it"),
-        (of_no_model, "learned with another model than the fit in this folder"),
+        (lambda path: path.write_bytes(b""), "it is an empty file: the cycles that were learned are not in it"),
+        (without("drop table cycles"), "it has no table cycles: the cycles that were learned are not in it"),
+        (without("delete from about where key = 'model'"), "learned with another model than the fit in this folder"),
         (garbage, "it is damaged, or no history"),
         (torn, "damaged"),
         (overwritten, "damaged"),
