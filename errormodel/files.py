@@ -106,7 +106,7 @@ def read_csv(path: Path, **options: Any) -> pd.DataFrame:
     """
     import pandas as pd
 
-    table = pd.read_csv(path, **options)
+    table: pd.DataFrame = pd.read_csv(path, **options)
     if not isinstance(table.index, pd.RangeIndex):
         raise ValueError("rows have more cells than the first line has names")
     return table

@@ -282,45 +282,29 @@ def overwritten(path: Path) -> None:
     path.write_bytes(bytes(data))
 
 
-def half_a_record(path: Path) -> None:
-    with sqlite3.connect(path) as connection:
-        connection.execute("update cycles set estimates = x'0011' where number = 3")
-    connection.close()
+def changed(sql: str) -> Callable[[Path], None]:
+    def change(path: Path) -> None:
+        with sqlite3.connect(path) as connection:
+            connection.execute(sql)
+        connection.close()
 
-
-def other_model(path: Path) -> None:
-    with sqlite3.connect(path) as connection:
-        connection.execute("update about set value = 'x' where key = 'model'")
-    connection.close()
-
-
-def emptied(path: Path) -> None:
-    path.write_bytes(b"")
-
-
-def without_cycles(path: Path) -> None:
-    with sqlite3.connect(path) as connection:
-        connection.execute("drop table cycles")
-    connection.close()
-
-
-def of_no_model(path: Path) -> None:
-    with sqlite3.connect(path) as connection:
-        connection.execute("delete from about where key = 'model'")
-    connection.close()
+    return change
 
 
 @pytest.mark.parametrize(
     ("harm", "said"),
     [
-        (emptied, "it is an empty file: the cycles that were learned are not in it"),
-        (without_cycles, "it has no table cycles: the cycles that were learned are not in it"),
-        (of_no_model, "learned with another model than the fit in this folder"),
+        (lambda path: path.write_bytes(b""), "it is an empty file: the cycles that were learned are not in it"),
+        (changed("drop table cycles"), "it has no table cycles: the cycles that were learned are not in it"),
+        (changed("delete from about where key = 'model'"), "learned with another model than the fit in this folder"),
         (garbage, "it is damaged, or no history"),
         (torn, "damaged"),
         (overwritten, "damaged"),
-        (half_a_record, "it cannot be read as a history"),
-        (other_model, "learned with another model than the fit in this folder"),
+        (changed("update cycles set estimates = x'0011' where number = 3"), "it cannot be read as a history"),
+        (
+            changed("update about set value = 'x' where key = 'model'"),
+            "learned with another model than the fit in this folder",
+        ),
     ],
 )
 def test_a_history_that_is_none_is_refused(folder, harm: Callable[[Path], None], said: str):
