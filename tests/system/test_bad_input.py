@@ -124,9 +124,7 @@ FORMS: dict[str, tuple[Content, tuple[str, ...]]] = {
     "a list": ("- a\n- b\n", ("s.yaml, line 1", "a list where keys are expected")),
     "nothing": ("", ("s.yaml", "an empty file", "errormodel: 1")),
     "not text": (b"\xff\xfe\x00\x01", ("s.yaml, line 1", "0xff", "UTF-8")),
-    "two anchors of one name": (
-        "errormodel: 1\nfiles: &a []\nunits: &a {}\n", ("s.yaml, line 3", "a second anchor 'a'")
-    ),
+    "two anchors": ("errormodel: 1\nfiles: &a []\nunits: &a {}\n", ("s.yaml, line 3", "a second anchor 'a'")),
     "alias bomb": ("a: &a [1,1,1,1,1,1,1,1,1,1]\n" + "".join(
         f"{n}: &{n} [{','.join('*' + p for _ in range(10))}]\n" for p, n in zip("abcdef", "bcdefg", strict=True)),
         ("s.yaml", "more than 100000 values")),

@@ -137,7 +137,6 @@ def test_first_cycles_only_teach(fitted, tmp_path):
     assert (data["status"], data["alarms"], data["together_p_value"]) == ("learning", [], None)
 
 
-@pytest.mark.every_figure
 def test_the_same_cycles_give_the_same_bytes(fitted, tmp_path):
     for name in ("a", "b"):
         folder = Path(shutil.copytree(fitted / "with", tmp_path / name / "fit"))
@@ -283,38 +282,29 @@ def overwritten(path: Path) -> None:
     path.write_bytes(bytes(data))
 
 
-def half_a_record(path: Path) -> None:
-    with sqlite3.connect(path) as connection:
-        connection.execute("update cycles set estimates = x'0011' where number = 3")
-    connection.close()
-
-
-def other_model(path: Path) -> None:
-    with sqlite3.connect(path) as connection:
-        connection.execute("update about set value = 'x' where key = 'model'")
-    connection.close()
-
-
-def without(what: str) -> Callable[[Path], None]:
-    def harm(path: Path) -> None:
+def changed(sql: str) -> Callable[[Path], None]:
+    def change(path: Path) -> None:
         with sqlite3.connect(path) as connection:
-            connection.execute(what)
+            connection.execute(sql)
         connection.close()
 
-    return harm
+    return change
 
 
 @pytest.mark.parametrize(
     ("harm", "said"),
     [
         (lambda path: path.write_bytes(b""), "it is an empty file: the cycles that were learned are not in it"),
-        (without("drop table cycles"), "it has no table cycles: the cycles that were learned are not in it"),
-        (without("delete from about where key = 'model'"), "learned with another model than the fit in this folder"),
+        (changed("drop table cycles"), "it has no table cycles: the cycles that were learned are not in it"),
+        (changed("delete from about where key = 'model'"), "learned with another model than the fit in this folder"),
         (garbage, "it is damaged, or no history"),
         (torn, "damaged"),
         (overwritten, "damaged"),
-        (half_a_record, "it cannot be read as a history"),
-        (other_model, "learned with another model than the fit in this folder"),
+        (changed("update cycles set estimates = x'0011' where number = 3"), "it cannot be read as a history"),
+        (
+            changed("update about set value = 'x' where key = 'model'"),
+            "learned with another model than the fit in this folder",
+        ),
     ],
 )
 def test_a_history_that_is_none_is_refused(folder, harm: Callable[[Path], None], said: str):
