@@ -39,11 +39,12 @@ class EffectError(InputError):
         self.key = key
 
 
-def nearest(name: str, valid: Iterable[str]) -> str:
-    """Return ``did you mean 'X'? Valid: ...`` for a name that is not among `valid`."""
+def nearest(name: str, valid: Iterable[str], most: int | None = None) -> str:
+    """Return ``did you mean 'X'? Valid: ...`` for a name not among `valid`; at most `most` are listed."""
     names = sorted(valid)
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     if not close:  # names such as `x` for `X` differ in case only
         close = [n for n in names if n.lower() == name.lower()][:1]
     hint = f"Did you mean '{close[0]}'? " if close else ""
-    return f"{hint}Valid: {', '.join(names) if names else '(none)'}"
+    more = f" and {len(names) - most} more" if most is not None and len(names) > most else ""
+    return f"{hint}Valid: {', '.join(names[:most]) if names else '(none)'}{more}"

@@ -58,7 +58,7 @@ def open_tables(path: Path, name: str) -> list[Table]:
             return [_open(part, (Path(name).parent / part.name).as_posix()) for part in parts]
         if not path.exists():
             beside = [p.name for p in path.parent.glob("*") if p.suffix.lower() in SUFFIXES or p.is_dir()]
-            raise InputError(name, "no such file", nearest(path.name, beside[:20]))
+            raise InputError(name, "no such file", nearest(path.name, beside, most=20))
         return [_open(path, name)]
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)

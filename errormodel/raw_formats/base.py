@@ -246,8 +246,8 @@ def open_raw(path: Path, name: str) -> RawFile:
             raise InputError(name, "a folder", "Give the files that the instrument wrote, one by one")
         data = noted(path).read_bytes()
     except FileNotFoundError as error:
-        beside = [p.name for p in path.parent.glob("*") if p.is_file()][:20]
-        raise InputError(name, "no such file", nearest(path.name, beside)) from error
+        beside = [p.name for p in path.parent.glob("*") if p.is_file()]
+        raise InputError(name, "no such file", nearest(path.name, beside, most=20)) from error
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(name, f"cannot be read: {reason}", "Give a file that can be read") from error

@@ -244,8 +244,7 @@ class Solver:
         others = np.setdiff1d(np.arange(len(self.unknowns)), groups.base)
         if not len(others) or all(len(v) <= RANK_SAMPLE_ROWS for v in self.views):
             return False
-        mix = groups.coefficients[:, others]
-        base = groups.base
+        base, mix = groups.base, groups.coefficients[:, others]
         left = (
             np.diag(gram)[others]
             - 2 * np.sum(mix * gram[np.ix_(base, others)], axis=0)
@@ -282,8 +281,7 @@ class Solver:
         return float(1e-13 * self.chain.size * np.sqrt(self.each * weight))
 
     def iterate(self, groups: Groups, sums: dict[Kind, Sums]) -> tuple[Array, dict[Kind, Sums], int, bool]:
-        base = groups.base
-        pick = np.ix_(base, base)
+        base, pick = groups.base, np.ix_(groups.base, groups.base)
         values, at = np.zeros(len(self.unknowns)), None
         first = last = 0.0
         for passes in range(1, MOST_PASSES + 1):

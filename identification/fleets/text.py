@@ -25,7 +25,7 @@ def reason(test: Test) -> str:
     if test.kind == EFFECT:
         s = test.shown
         assert s is not None
-        return f"{s.effect} at {s.where}, {short(s.size_um)} µm at the tool, in {s.surveys} of {s.of} surveys"
+        return f"{s.effect} at {s.where}, {short(s.size_um)} µm at the tool, in {s.surveys} of {_many(s.of, 'survey')}"
     q, k = test.quantity, test.number
     assert q is not None
     tool = f", {short(test.size_um)} µm at the tool" if np.isfinite(test.size_um) else ""
@@ -56,7 +56,7 @@ def amount(what: Watched, value: float, std: float, per: str = "", difference: b
         return f"{shown:.{decimals(shown * std)}f} ± {shown * std:.{decimals(shown * std)}f} {what.shown_unit}".rstrip()
     factor, unit = printed(what.unit)
     places = decimals(factor * max(std, least))
-    return f"{factor * value:.{places}f} ± {factor * std:.{places}f} {unit} {per}".rstrip()
+    return f"{factor * value:z.{places}f} ± {factor * std:.{places}f} {unit} {per}".rstrip()
 
 
 def short(value: float) -> str:
@@ -97,7 +97,7 @@ def headline(result: FleetResult) -> str:
     )
     alarms = int((result.machines["state"] == "alarm").sum())
     said += f"; {_many(alarms, 'machine')} in alarm" if alarms else ""
-    return said + (f"; {failed} of {len(result.surveys)} surveys failed" if failed else "")
+    return said + (f"; {failed} of {_many(len(result.surveys), 'survey')} failed" if failed else "")
 
 
 def _many(count: int, word: str) -> str:

@@ -103,7 +103,7 @@ def draw_matrix(result: FleetResult) -> Figure:
     norm = TwoSlopeNorm(0, -FAR, FAR)
     axes.pcolormesh(np.ma.masked_invalid(np.clip(grid, -FAR, FAR)), cmap="PuOr_r", norm=norm, edgecolors="white", lw=1)
     for (i, j), value in np.ndenumerate(grid):
-        if np.isfinite(value):
+        if not np.isnan(value):
             colour = "white" if abs(value) > 0.7 * FAR else style.INK
             text = f"{value:+.0f}" if abs(value) < 1000 else "✓"
             axes.text(j + 0.5, i + 0.5, text, ha="center", va="center", size=6.5, color=colour)
@@ -166,6 +166,7 @@ def draw_ranges(result: FleetResult) -> Figure | None:
 
 
 def _ranges(axes: Axes, quantities: list[Quantity], first: int, out: set[tuple[int, int]]) -> None:
+    axes.use_sticky_edges = False  # a bar at the edge would look cut off
     for y, q in enumerate(quantities):
         scale, level = 1e3 * q.moves, q.level
         axes.barh(

@@ -124,7 +124,7 @@ def _mount(form: Profiler, document: Document, profiler: Path) -> Mount:
         path = profiler.parent / getattr(form.calibration, key)
         if not path.is_file():
             beside = [p.name for p in path.parent.glob("*") if p.is_file()] if path.parent.is_dir() else []
-            raise document.error(("calibration", key), f"no such file: {path}", nearest(path.name, beside[:20]))
+            raise document.error(("calibration", key), f"no such file: {path}", nearest(path.name, beside, most=20))
         clouds.append(read_cloud(path, str(path), form.profile))
     return identify_mount(clouds[0], clouds[1], form.calibration, str(profiler.parent / form.calibration.circle))
 

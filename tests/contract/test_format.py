@@ -67,3 +67,12 @@ def test_any_bytes_are_opened_or_refused_never_a_crash(suffix: str, content: byt
 def test_what_is_not_there_is_named(suffix: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
         open_tables(tmp_path / f"none{suffix}", f"none{suffix}")
+
+
+def test_a_name_is_looked_for_among_all_files_of_a_folder(tmp_path: Path) -> None:
+    """However many, and in whatever order the disk lists them."""
+    for k in range(30):
+        (tmp_path / f"m{k:02d}.csv").touch()
+    cure = r"Did you mean 'm27\.csv'\? Valid: m00\.csv, .*, m19\.csv and 10 more$"
+    with pytest.raises(InputError, match=rf"m27csv: no such file\. {cure}"):
+        open_tables(tmp_path / "m27csv", "m27csv")

@@ -18,6 +18,7 @@ import pytest
 
 from identification import fleet
 from identification.fleets.listing import read_list
+from identification.plots.fleet import draw_matrix
 from tests.helpers.commands import MILL, Done, done, run, tree, write
 from tests.helpers.fleets import mill_fleet
 
@@ -238,7 +239,7 @@ def test_a_fleet_of_which_all_fails_says_so(tmp_path: Path) -> None:
     write(tmp_path / "list.csv", "machine,survey\nno_such_machine,a.csv\n")
     result = run("fleet", tmp_path / "list.csv", "--out", tmp_path / "out", "--workers", 1)
     assert result.code == 1
-    assert "1 of 1 surveys failed" in result.out
+    assert "1 of 1 survey failed" in result.out
     assert "no_such_machine" in result.out
     assert "Traceback" not in result.err
 
@@ -349,6 +350,8 @@ def test_diagnose_says_what_types_have_in_common(tmp_path: Path) -> None:
     assert machines.loc["B3", "state"] == "effect"
     assert "backlash at X" in machines.loc["B3", "why"]
     assert len(pd.read_csv(tmp_path / "out/findings.csv")) >= 6
+    found = fleet(tmp_path / "list.csv", tmp_path / "out", command="diagnose", workers=1)
+    assert [t.get_text() for t in draw_matrix(found).axes[0].texts] == ["✓"]
 
 
 def test_monitor_watches_on_a_copy_and_by_date(made: Path, tmp_path: Path) -> None:

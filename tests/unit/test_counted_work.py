@@ -67,6 +67,17 @@ def test_passes_of_a_fit(counted: Counter[str]) -> None:
     assert counted == {"points": 4 * ROWS, "M": 4 * ROWS, "Gram": ROWS, "slopes": 3 * ROWS}
 
 
+def test_rows_of_slopes() -> None:
+    """OpenBLAS takes half as long for four rows as for three; a single one stays alone."""
+    kernel = ours.kernel()
+    view = ours._view(five_axis.poses(1), np.zeros((1, 3)))
+    columns = np.arange(len(five_axis.IDS))
+    task = normal_equations._Task(view, columns, np.ones(len(columns)), view.at_zero, None, False)
+    whole = normal_equations.selectors_of(kernel, 3, columns)
+    rows = [len(normal_equations._Alike(task, kernel, whole[:c], None).slopes) for c in (1, 2, 3)]  # type: ignore[arg-type]
+    assert rows == [1, 2, 4]
+
+
 def test_bytes_of_a_fit() -> None:
     """The gaps are stored, 24 bytes a row; all else is in blocks that each core has of its own."""
     peak = []
