@@ -350,7 +350,7 @@ def _laid_out(value: Any, levels: int) -> Any:
     from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
     if isinstance(value, str):  # line ends would be lost in another style
-        plain = value.isprintable() and not value.startswith(":")  # a colon would be read as part of a mapping
+        plain = value.isprintable() and not value.startswith((":", "?"))  # which would be read as part of a mapping
         return value if plain else DoubleQuotedScalarString(value)
     if hasattr(value, "tolist"):  # NumPy values in the options of an effect
         value = value.tolist()
