@@ -13,7 +13,8 @@ from errormodel.survey import read_survey
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.diagnosed import Diagnosed
 
-LARGEST_UM = {"a": 13.0, "b": 5.5}  # held out; two temperatures, one lagged, leave 16 and 6.3
+# held out. b: 6.4 where the names beside which as much is left lose it; two temperatures, one lagged, leave 16 and 6.3
+LARGEST_UM = {"a": 13.0, "b": 6.5}
 
 
 @cache
@@ -63,16 +64,12 @@ def test_a_working_sensor_of_the_same_name_is_used(printers: Path) -> None:
 
 
 def test_a_cause_that_was_left_out_is_asked_for_again(printers: Path) -> None:
-    """Of the model of `a` all that the bed drives is deleted; what comes back is driven by the bed, along z again.
-
-    At Z or at the frame: where one axis moves and one component is measured, both are one column to the last digit.
-    """
+    """Of the model of `a` all that the bed drives is deleted; what comes back is driven by the bed, at Z again."""
     whole = heated(printers, "a").final.chain.machine
     kept = tuple(e for e in whole.effects if "T_bed" not in str(e.options))
     assert 0 < len(kept) < len(whole.effects)
     found = diagnose(replace(whole, effects=kept), read_survey(printers / "homing_a.csv", whole))
     first = found.diagnosis.findings[0]
-    assert (first.effect, first.motion) == ("structure-drift", ["dz"])
-    assert first.where in ("Z", "frame")
+    assert (first.effect, first.where, first.motion) == ("structure-drift", "Z", ["dz"])
     assert "T_bed" in first.statement
     assert found.final.heldout.rms_um < 0.2 * found.baseline.heldout.rms_um

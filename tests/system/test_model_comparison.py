@@ -17,10 +17,10 @@ from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.findings import probability_of
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.conditional_evidence import conditional_scores
-from identification.diagnosis.search.forward_selection import forward_select
+from identification.diagnosis.search.forward_selection import forward_select, reselect
 from identification.diagnosis.search.model import replayed
 from identification.diagnosis.search.model_comparison import compare_alternatives, empirical_evidence, log_evidence
-from identification.diagnosis.search.refinement import refined
+from identification.diagnosis.search.refinement import refined, with_sections
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import fit_machine
 from tests.helpers.diagnosed import empty_survey, showing
@@ -41,6 +41,33 @@ def test_a_story_gains_by_what_is_there_and_loses_by_what_is_not() -> None:
     assert told(truth) > 50
     assert told(play) < 0
     assert told(truth, play) < told(truth)
+
+
+@pytest.mark.parametrize(("bend", "parent"), [(0.01, 0), (0.1, None)])
+def test_a_beam_that_twists_also_bends_a_little(bend: float, parent: int | None) -> None:
+    """And is one finding; what bends it more than it twists it is another."""
+    machine = read_machine("bridge_cmm")
+    survey = empty_survey(machine, 400, 11, channels=True, grid=False)
+    twist = EffectSpec("beam-torsion", {"joint": "X", "load_joint": "Z"})
+    sag = EffectSpec("beam-sag", {"joint": "X", "motion": "dy"})
+    linear = set_up(fit_machine(machine, showing(survey, machine, [(twist, [1e-4]), (sag, [bend])], 0.002)))
+    model = replayed(linear, [Step(make(twist), 100.0, 100.0, 0.9)])
+    assert refined(model, Step(make(sag), 20.0, 40.0, 0.9)) == parent
+
+
+def test_a_refinement_that_is_what_the_finding_should_be_called() -> None:
+    """A head that drifts, first taken for air that bends the beam: of the two only the one remains."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=True, grid=False)
+    spec = EffectSpec("structure-drift", {"element": "head", "motion": "dz", "sensor": "T_0"})
+    linear = set_up(fit_machine(machine, showing(survey, machine, [(spec, [0.02])], 0.003)))
+    candidates = Candidates.of(linear)
+    ranked = candidates.scores(linear).by_key()
+    air = next(e for _, n in ranked if (e := candidates.effects[n]).effect == "refraction")
+    taken = [Step(air, 50.0, 100.0, 0.5), Step(make(spec), 50.0, 100.0, 0.5, parent=0)]
+    looked = reselect(replayed(linear, taken), candidates)
+    assert [s.effect.effect for s in looked.steps] == ["structure-drift"]
+    assert reselect(looked, candidates).steps[0].effect.key == looked.steps[0].effect.key
 
 
 def test_findings_are_weighed_beside_each_other() -> None:
@@ -129,6 +156,27 @@ def test_what_has_a_name_and_explains_much_is_no_form_of_another_finding(
     linear = set_up(fit_machine(machine, showing(survey, machine, [(tilt, [2e-5]), (drift, [shift])], 0.002)))
     model = replayed(linear, [Step(make(tilt), 100.0, 100.0, 0.9)])
     assert refined(model, Step(make(drift), 20.0, 40.0, 0.9)) == parent
+
+
+def test_sections_of_a_surface_are_no_findings_of_their_own() -> None:
+    """What goes with one of the two joints that a finding without a name follows; another motion is another matter."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=True, grid=False)
+    linear = set_up(fit_machine(machine, survey))
+    (one, _), (_, half) = ((j.name, 0.5 * j.travel[1]) for j in machine.joints[:2])
+    surface = Unnamed(element="Y", motion="dz", driver=one, half_range=500.0, by="Y", by_half_range=500.0)
+    dent = make(EffectSpec("local-defect", {"joint": "Y", "motion": "dz", "at": half, "width": 30.0}))
+    tilt = make(EffectSpec("local-defect", {"joint": "Y", "motion": "dx", "at": half, "width": 30.0}))
+    found = with_sections(replayed(linear, [Step(e, 50.0, 100.0, 0.5) for e in (dent, surface, tilt)]))
+    assert [[s.effect for s in group] for group in found.findings] == [[surface, dent], [tilt]]
+    lone = replayed(linear, [Step(e, 50.0, 100.0, 0.5) for e in (dent, tilt)])
+    assert with_sections(lone) is lone
+    level = make(EffectSpec("higher-order-geometry", {"joint": "Y", "motion": "dz", "degrees": [0]}))
+    line = Unnamed(element="Y", motion="dz", driver=one, half_range=500.0)
+    found = with_sections(replayed(linear, [Step(e, 50.0, 100.0, 0.5) for e in (level, line, surface)]))
+    assert [[s.effect for s in group] for group in found.findings] == [[surface, level, line]]
+    lone = replayed(linear, [Step(e, 50.0, 100.0, 0.5) for e in (level, line)])
+    assert with_sections(lone) is lone  # a curve of one joint is no surface
 
 
 def test_a_surface_over_two_joints_that_turn_is_found() -> None:

@@ -143,8 +143,20 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "near-tie": Rule(
             SELECTION, EVIDENCE,
-            "Named effects near the best one are weighed by their evidence in correlated noise.",
+            "Named effects near the best one, also in correlated noise, are weighed by preference.",
             _in(_SCORING, "CLEARLY", "NEAR"),
+        ),
+        "fixed-form": Rule(
+            SELECTION, EVIDENCE, "Among near-ties a form that physics fixes comes before one that follows any curve.",
+            _in(_SCORING, "ODDS"),
+        ),
+        "as-good-in-correlated-noise": Rule(
+            SELECTION, EVIDENCE, "Among near-ties those that correlated noise explains as well come later.",
+            _in(_SCORING, "AS_GOOD"),
+        ),
+        "little-discrepancy": Rule(
+            SELECTION, DELTA, "Among near-ties those come first that explain as much by their textbook form alone.",
+            _in(_SCORING, "FORM"),
         ),
         "most-evidence": Rule(
             SELECTION, EVIDENCE, "Of the near-ties that are left, that with most evidence in correlated noise is first."
@@ -160,6 +172,11 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             SELECTION, "delta chi-squared", "Parameters that the empirical term does without must gain something.",
         ),
         "preference": Rule(SELECTION, EVIDENCE, "The candidate that is tested for acceptance, by the rules before."),
+        "two-causes": Rule(
+            SELECTION, DELTA,
+            "A thermal effect with two sensors or lags that explains as much comes before an empirical term.",
+            _in(_SCORING, "FORM") + _in(_FORWARD, "LEAST_EVIDENCE"),
+        ),
         "refinement-first": Rule(
             SELECTION, EVIDENCE,
             "What may be a refinement of a finding is tried before a new finding.",
@@ -169,12 +186,21 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             SELECTION, "", "What moves the same by the same driver is a refinement of that finding.",
             _in(_REFINED, "DISTINCT", "OWN"),
         ),
+        "same-weight": Rule(
+            SELECTION, DELTA,
+            "What one weight does to one member in several motions is one finding.",
+            _in(_REFINED, "OWN")
+        ),
         "like-contribution": Rule(
             SELECTION, "canonical correlation", "What does nearly the same to the rows as a finding refines it.",
             _in(_REFINED, "ALIKE", "OWN"),
         ),
         "remainder-of-surface": Rule(
             SELECTION, "", "What follows one driver of an empirical form over two refines that form."
+        ),
+        "left-over": Rule(
+            SELECTION, DELTA, "What explains little of a finding at its place by its drivers is left over from it.",
+            _in(_REFINED, "LEFT"),
         ),
         "detection": Rule(
             SELECTION, EVIDENCE, "The evidence less the trials factor must be clear.", _in(_SCORING, "DETECT")
@@ -194,11 +220,19 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             SELECTION, EVIDENCE, "Below the level of a finding, the best refinement of one is tried.",
             _in(_FORWARD, "LEAST_EVIDENCE"),
         ),
+        "competing-refinement": Rule(
+            SELECTION, EVIDENCE, "Refinements of one finding with enough evidence compete by cross-validation.",
+            _in(_FORWARD, "COMPETES", "MOST_COMPETING"),
+        ),
         "cross-validation": Rule(
             SELECTION, ERRORS, "Blocks of rows must be predicted better with the effect than without it."
         ),
         "accepted-alone": Rule(
             SELECTION, ERRORS, "Where the preferred candidate fails, those that pass the detection are tried."
+        ),
+        "joint-detection": Rule(
+            SELECTION, EVIDENCE, "Two or three effects are added together where each is clear beside the others.",
+            _in(_FORWARD, "MOST_TOGETHER", "SHAPES_TRIED") + _in(_SCORING, "DETECT"),
         ),
         "second-sensor": Rule(
             SELECTION, EVIDENCE, "A second sensor or lag is added where it has evidence and predicts better.",
@@ -209,12 +243,21 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             "An empirical form becomes a step function where that explains clearly more.",
             _in(_SCORING, "CLEARLY"),
         ),
+        "reselection": Rule(
+            SELECTION, DELTA, "A finding is named again where another effect explains more beside the other findings.",
+            _in(_FORWARD, "BARELY") + _in(_SCORING, "DETECT"),
+        ),
+        "seen-before": Rule(SELECTION, "", "A renaming that leads back to an earlier model is not made."),
         "superfluous": Rule(
             SELECTION, EVIDENCE, "A finding is taken out that is not clear beside later ones.",
             _in(_FORWARD, "SHAPES_TRIED") + _in(_SCORING, "DETECT"),
         ),
         "superfluous-by-cross-validation": Rule(
             SELECTION, ERRORS, "It stays where blocks of rows are predicted worse without it.", _in(_FORWARD, "HARDLY")
+        ),
+        "section-of-surface": Rule(
+            SELECTION, DELTA, "A finding that is a section of an empirical form over two joints is part of it.",
+            _in(_REFINED, "OWN"),
         ),
         # ---- model comparison
         "strong-alternative": Rule(

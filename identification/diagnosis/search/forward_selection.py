@@ -1,4 +1,4 @@
-"""Forward selection of effects by log Bayes factor and cross-validation, with backward elimination.
+"""Forward selection of effects by log Bayes factor and cross-validation, with reselection and backward elimination.
 
 The best candidate is added first, named physics before empirical terms. What it leaves over because its form is not
 exact (another exponent, a sensor that lags) is added at the same place and driver as a refinement of the same finding,
@@ -17,11 +17,18 @@ from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outc
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import Candidates
-from identification.diagnosis.search.conditional_evidence import conditional_scores
-from identification.diagnosis.search.criteria import heldout_rms, log_likelihood_gain
+from identification.diagnosis.search.conditional_evidence import MOST_ALTERNATIVES_TRIED, conditional_scores
+from identification.diagnosis.search.criteria import base_channels, heldout_rms, log_likelihood_gain
 from identification.diagnosis.search.model import EffectModel, of_groups, replayed, with_step
-from identification.diagnosis.search.refinement import forms, is_departure, refined, refinement_of
-from identification.diagnosis.search.scoring import DETECT, Step, accepted, choose
+from identification.diagnosis.search.refinement import (
+    forms,
+    is_departure,
+    left_over,
+    refined,
+    refinement_of,
+    with_sections,
+)
+from identification.diagnosis.search.scoring import DETECT, FORM, Step, accepted, choose
 from identification.diagnosis.search.sensor_pairs import best_pair
 from identification.diagnosis.search.shape_fit import optimise_shapes
 from identification.diagnosis.search.step_functions import switched
@@ -30,9 +37,12 @@ from identification.runtime.progress import Progress, silent
 LEAK = 0.06  # share of what is explained already: a smaller effect elsewhere may be a discrepancy of a finding
 LEAST_EVIDENCE = 7.0  # log Bayes factor below which a proposal is not examined
 NEAR_BEST = 0.7  # of the best evidence: proposals that are tried as refinements before it
+COMPETES, MOST_COMPETING = 0.3, 4  # of the best evidence: refinements of one finding that are tried beside it
+BARELY = 1.02  # times what a finding explains: an effect that explains no more does not replace it
 HARDLY = 1.05  # times the cross-validation error: a superfluous effect gains as much by chance
 MOST_FINDINGS = 12
 MOST_STEPS = 24
+MOST_TOGETHER = 3
 SHAPES_TRIED = 3.0  # log of the trials factor of one effect's shapes
 SWEEPS = 4  # over all time constants
 SETTLING_ROWS = 2.0  # rows that a time constant of a clock lasts at least
@@ -60,6 +70,7 @@ def forward_select(
         log.begin(number)
         log.add("search-from", "added", step.effect)
         candidates = candidates.joined(Candidates.of(linear, list(forms(linear, step.effect))))
+    seen = {_causes(model)}
     while len(model.steps) < MOST_STEPS and not model.linear.exact:
         log.begin(len(model.steps))
         last = model.steps[-1].effect if model.steps else None
@@ -68,9 +79,10 @@ def forward_select(
         ):
             likely = _likely(model.linear, candidates, log)
             further = (
-                add_best(model, likely, log)
-                or add_best(model, able := _accepted(model.linear, likely, log), log)
-                or add_best(model, _that_predict(model, able, log), log)
+                add_best(model, likely, log=log)
+                or add_jointly(model, likely, candidates, log)
+                or add_best(model, able := _accepted(model.linear, likely, log), log=log)
+                or add_best(model, _that_predict(model, able, log), log=log)
             )
         if further is None:
             break
@@ -79,9 +91,41 @@ def forward_select(
         for step in added:
             if step.parent is None:
                 candidates = candidates.joined(Candidates.of(linear, list(forms(linear, step.effect))))
+        beside = len(model.findings) > 1 and any(s.parent is None for s in added)
+        if beside or any(_otherwise_named(model, s) for s in added if s.parent is not None):
+            looked = reselect(model, candidates, log)
+            if (
+                _causes(looked) == _causes(model) or _causes(looked) not in seen
+            ):  # a model seen before would start a cycle
+                model = looked
+            else:
+                log.add("seen-before", "refused", looked.steps[-1].effect)
+            seen.add(_causes(model))
     else:
         log.add("most-steps", "refused", None, len(model.steps), MOST_STEPS)
-    return conditional_scores(backward_eliminate(model, log), candidates, log)
+    return conditional_scores(with_sections(backward_eliminate(model, log), log), candidates, log)
+
+
+def add_jointly(
+    model: EffectModel, likely: Likely, candidates: Candidates, log: DecisionLog = UNRECORDED
+) -> EffectModel | None:
+    """The model with two or three further effects added jointly, each accepted only given the others; or None.
+
+    While one of them is missing, its contribution looks like correlated noise.
+    """
+    trial = model
+    for _ in range(MOST_TOGETHER):
+        further = add_best(trial, likely, noise_checked=False)
+        if further is None or further.steps[len(trial.steps)].parent is not None:
+            return None
+        trial = add_second_sensor(further, candidates)
+        new = trial.findings[len(model.findings) :]
+        if len(new) > 1 and all(_accepted_beside(trial.without(g), g, "joint-detection", log) for g in new):
+            for group in new:
+                log.add("joint-detection", "added", group[0].effect, beside=_others(new, group))
+            return trial
+        likely = _likely(trial.linear, candidates, UNRECORDED)
+    return None
 
 
 def _others(groups: Sequence[Sequence[Step]], group: Sequence[Step]) -> str:
@@ -114,25 +158,31 @@ def _accepted_beside(linear: LinearModel, group: Sequence[Step], rule: str, log:
     return clear
 
 
-def add_best(model: EffectModel, likely: Likely, log: DecisionLog = UNRECORDED) -> EffectModel | None:
-    """The model with the best proposal added, as a finding or as a refinement; None where none is accepted."""
+def add_best(
+    model: EffectModel, likely: Likely, *, noise_checked: bool = True, log: DecisionLog = UNRECORDED
+) -> EffectModel | None:
+    """The model with the best proposal added, as a finding or as a refinement; None where none is accepted.
+
+    Without `noise_checked`, the acceptance test assumes white noise.
+    """
     linear = model.linear
     if likely is None:
         return None
     steps, best = likely
+    explained = sum(s.delta_chi2 for s in model.steps if not s.effect.random)  # a free curve has no discrepancy
     own, rule = refinement_of(model, best)
     if own is None:  # before a new finding, try it as a refinement of an existing one
         could = [(s, refined(model, s)) for s in steps if s.evidence > NEAR_BEST * best.evidence]
         others = [s for s, k in could if k is not None and is_departure(model, k, best.effect)]
+        first, best = best, max(others, key=lambda s: s.evidence, default=best)
+        own, rule = refinement_of(model, best) if others else (left_over(model, best), "left-over")
         if others:
-            first, best = best, max(others, key=lambda s: s.evidence)
-            own, rule = refinement_of(model, best)
             least = NEAR_BEST * first.evidence
             log.add("refinement-first", "preferred", best.effect, best.evidence, least, beside=first.effect)
     if own is not None:
         best = replace(best, parent=own)
         log.add(rule, "merged", best.effect, beside=model.steps[own].effect)
-    elif not _is_finding(model, best, log):
+    elif not _is_finding(model, best, explained, noise_checked, log):
         # below the acceptance level: try the following proposals as refinements
         further = [s for s in steps if s.evidence > LEAST_EVIDENCE and refined(model, s) is not None]
         if not further:
@@ -140,21 +190,30 @@ def add_best(model: EffectModel, likely: Likely, log: DecisionLog = UNRECORDED) 
         best = replace(further[0], parent=refined(model, further[0]))
         into = model.steps[best.parent or 0].effect
         log.add("refinement-below-detection", "merged", best.effect, best.evidence, LEAST_EVIDENCE, beside=into)
-    larger = refit_time_constants(with_step(model, best))
-    error, before = heldout_rms(larger.linear), heldout_rms(linear)
-    new = larger.steps[len(model.steps)]
+    tries = [best]
+    if best.parent is not None:  # other refinements of the same finding compete by cross-validation
+        enough = max(LEAST_EVIDENCE, COMPETES * best.evidence)
+        near = [s for s in steps if s is not best and s.evidence > enough]
+        others = [replace(s, parent=best.parent) for s in near if refined(model, s) == best.parent][:MOST_COMPETING]
+        for s in others:
+            log.add("competing-refinement", "examined", s.effect, s.evidence, enough, beside=best.effect)
+        tries += others
+    error, _, best_growth = min(
+        (heldout_rms(g.linear), k, g) for k, g in enumerate(refit_time_constants(with_step(model, s)) for s in tries)
+    )
+    before = heldout_rms(linear)
+    new = best_growth.steps[len(model.steps)]
     word: Outcome = "refused" if error >= before else "added" if new.parent is None else "merged"
-    gain = log_likelihood_gain(linear, linear.delta_chi2(larger.linear))
+    gain = log_likelihood_gain(linear, linear.delta_chi2(best_growth.linear))
     beside = None if new.parent is None else model.steps[new.parent].effect
     log.add("cross-validation", word, new.effect, ratio(error, before), 1.0, beside=beside, gain=gain)
-    return larger if error < before else None
+    return best_growth if error < before else None
 
 
-def _is_finding(model: EffectModel, best: Step, log: DecisionLog) -> bool:
-    """Whether a proposal is a finding of its own: it is accepted, no small part of what is found, and there is room."""
-    if not accepted(model.linear, best, log):
+def _is_finding(model: EffectModel, best: Step, explained: float, noise_checked: bool, log: DecisionLog) -> bool:
+    """Whether a proposal may be a finding of its own, beside those that explain so much delta chi-squared."""
+    if not accepted(model.linear, best, noise_checked=noise_checked, log=log):
         return False
-    explained = sum(s.delta_chi2 for s in model.steps if not s.effect.random)  # a free curve has no discrepancy
     large = not best.delta_chi2 < LEAK * explained
     if explained > 0:
         share = ratio(best.delta_chi2, explained)
@@ -170,12 +229,15 @@ def _likely(linear: LinearModel, candidates: Candidates, log: DecisionLog) -> Li
     steps = optimise_shapes(linear, candidates, LIKELY, LEAST_EVIDENCE, log)
     if not steps:
         return None
-    return steps, choose(linear, steps, log)
+    best = choose(linear, steps, log)
+    if "temperature" in base_channels(best.effect) and (best.effect.empirical or not accepted(linear, best)):
+        best = _by_two_causes(linear, candidates, steps, best, log) or best
+    return steps, best
 
 
 def _accepted(linear: LinearModel, likely: Likely, log: DecisionLog) -> Likely:
     """The proposals that pass the acceptance test on their own, and the preferred one among them."""
-    able = [s for s in likely[0] if accepted(linear, s, log)] if likely else []
+    able = [s for s in likely[0] if accepted(linear, s, log=log)] if likely else []
     return (able, choose(linear, able, log)) if able else None
 
 
@@ -192,6 +254,26 @@ def _that_predict(model: EffectModel, able: Likely, log: DecisionLog) -> Likely:
         log.add("accepted-alone", "accepted" if error < before else "refused", step.effect, ratio(error, before), 1.0)
     better = [s for s, error in zip(able[0], errors, strict=True) if error < before]
     return (better, choose(model.linear, better, log)) if better else None
+
+
+def _by_two_causes(
+    linear: LinearModel, candidates: Candidates, steps: Sequence[Step], form: Step, log: DecisionLog
+) -> Step | None:
+    """The thermal effect that explains most with two sensors or lags, if it explains as much as the empirical term."""
+    able: list[Step] = []
+    for step in sorted((s for s in steps if not s.effect.empirical), key=lambda s: -s.evidence):
+        found = best_pair(linear, step.effect, candidates.effects)
+        if found is None or found[2] < LEAST_EVIDENCE:
+            continue
+        one, other, more = found
+        both = linear.with_effect(one).with_effect(other)
+        gained = linear.delta_chi2(both)
+        as_much = gained > FORM * form.delta_chi2
+        share = ratio(gained, form.delta_chi2)
+        log.add("two-causes", "preferred" if as_much else "set aside", step.effect, share, FORM, beside=form.effect)
+        if as_much:
+            able.append(replace(step, effect=one, partner=(other,), evidence=step.evidence + more, delta_chi2=gained))
+    return max(able, key=lambda s: s.delta_chi2, default=None)
 
 
 def refit_time_constants(model: EffectModel) -> EffectModel:
@@ -251,3 +333,39 @@ def add_second_sensor(model: EffectModel, candidates: Candidates, log: DecisionL
 
 def _with_tau(effect: Effect, logarithm: float) -> Effect:
     return effect.model_copy(update={"tau": float(f"{np.exp(logarithm):.6g}")})
+
+
+def _causes(model: EffectModel) -> frozenset[object]:
+    """Keys (effect and place) of all findings."""
+    return frozenset(main.effect.key for main, *_ in model.findings)
+
+
+def _otherwise_named(model: EffectModel, step: Step) -> bool:
+    """Whether a refinement is named physics of another kind: the finding may have to be named after it."""
+    main = model.steps[step.parent or 0].effect
+    return not (step.effect.empirical or step.effect.flexible) and step.effect.effect != main.effect
+
+
+def reselect(model: EffectModel, candidates: Candidates, log: DecisionLog = UNRECORDED) -> EffectModel:
+    """The model with one finding replaced, where another effect is preferred given the other findings."""
+    groups = model.findings
+    for group in groups:
+        old, *more = group
+        linear = model.without(group)
+        steps = optimise_shapes(linear, candidates, MOST_ALTERNATIVES_TRIED)
+        if not steps:
+            continue
+        best = choose(linear, steps)
+        if best.effect == old.effect or (bool(more) and best.effect.key == old.effect.key):
+            continue
+        explained = linear.delta_chi2(linear.with_effect(old.effect))
+        better = not best.delta_chi2 < BARELY * explained and accepted(linear, best)
+        share = ratio(best.delta_chi2, explained)
+        log.add("reselection", "preferred" if better else "set aside", best.effect, share, BARELY, beside=old.effect)
+        if not better:
+            continue
+        log.add("reselection", "replaced", old.effect, beside=best.effect)
+        # refinements are dropped: the next round of selection finds those that are still needed
+        mains = [g[0] for g in groups if g is not group]
+        return replayed(model.start, [*mains, best])
+    return model

@@ -41,8 +41,13 @@ def replayed(start: LinearModel, steps: Sequence[Step]) -> EffectModel:
 
 
 def with_step(model: EffectModel, step: Step) -> EffectModel:
-    """With one more step."""
-    return EffectModel(model.start, model.linear.with_effect(step.effect), (*model.steps, step))
+    """With one more step, and its second cause where it has one."""
+    alone = replace(step, partner=())
+    out = EffectModel(model.start, model.linear.with_effect(step.effect), (*model.steps, alone))
+    number = len(model.steps) if step.parent is None else step.parent
+    for effect in step.partner:
+        out = with_step(out, Step(effect, 0.0, 0.0, step.absorbed, parent=number))
+    return out
 
 
 def of_groups(start: LinearModel, groups: Sequence[Sequence[Step]]) -> EffectModel:
