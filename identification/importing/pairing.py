@@ -19,6 +19,7 @@ from identification.importing.sources import SourceFile, Wishes
 from identification.observation.frames import align
 
 TARGET_GAIN = 3.0  # times: so much nearer must targets of their own bring the points, to be taken
+LOCATION_ERROR_MM = 1.0  # a single target so near to the tool is the tool: axes are beside their places; by judgement
 FEW_TO_FIT = 8  # rows a target, from which on a functional point is fitted
 NEAREST = "the nearest command after a robust alignment"
 LISTED = 6  # of what is left over
@@ -281,11 +282,16 @@ def _with_targets(pairs: Pairs, source: SourceFile, nominal: Nominal, points: Ar
     tools, pose = fitted_targets(nominal, measured, label, np.tile(tool, (len(names), 1)))
     reached = pose.apply(nominal.points(tools[label]))
     after = float(np.median(np.linalg.norm(measured - reached, axis=1)))
-    if not after * TARGET_GAIN < before:
+    moved = float(np.linalg.norm(tools - tool, axis=1).max())
+    if not after * TARGET_GAIN < before or (not several and moved < LOCATION_ERROR_MM):
         return pairs
     places = {str(n): tuple(round(float(v), 4) for v in t) for n, t in zip(names, tools, strict=True)}
     words = "; ".join(f"{n}: {', '.join(f'{v:.2f}' for v in p)}" for n, p in places.items())
     what = f"{len(names)} targets" if several else "the target"
     note = f"{what} placed in the last frame by the measurements themselves, {words} mm: with the tool of the machine "
     note += f"the points lie {before:.3g} mm off, so {after:.3g} mm"
+    if not several:
+        note += (
+            f". It lies {moved:.3g} mm from the tool: if that is known, an offset is wrong, or the machine's geometry"
+        )
     return replace(pairs, targets=places, notes=(*pairs.notes, note))  # type: ignore[arg-type]

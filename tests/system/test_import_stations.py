@@ -9,6 +9,10 @@ import pandas as pd
 import pytest
 
 from errormodel import InputError
+from errormodel.chain import Chain
+from errormodel.machine_file import read_machine
+from errormodel.simulation import measured_at, outward, random_points
+from errormodel.truth import Truth
 from identification import import_survey
 from identification.importing.dwells import find_dwells
 from tests.helpers.importing import MILL, NOISE, points, poses
@@ -61,3 +65,23 @@ def test_a_unit_that_the_file_states_wrongly_is_named(plan: Path, tmp_path: Path
     assert "--units mx=mm,my=mm,mz=mm" in error.value.cure
     right = import_survey(tmp_path / "wrong.csv", MILL, commands=plan, units={"mx": "mm", "my": "mm", "mz": "mm"})
     assert right.imported.proof.rms_um < 20
+
+
+@pytest.mark.parametrize(("aside", "placed"), [(0.0, False), (30.0, True)])
+def test_errors_of_location_are_not_laid_to_the_target(tmp_path: Path, aside: float, placed: bool) -> None:
+    """Axes 50 um beside their places would be gone with a target of its own, and with them half the machine's error."""
+    machine = read_machine("trunnion_five_axis")
+    commands = random_points(machine, 60, 3)
+    commands = commands.drop(columns=[c for c in commands if c.startswith("tool_")])
+    commands[["tool_x", "tool_y", "tool_z"]] = np.add(machine.tool, [0, 0, aside])
+    chain = Chain(machine)
+    shapes = {s.name for s in machine.shapes}
+    location = next(i for i in chain.machine_ids if i.endswith(".dy") and i.split(".")[0] in shapes)
+    measured = measured_at(machine, commands, Truth({location: 0.05}), NOISE)[["mx", "my", "mz"]].to_numpy()
+    told = outward(commands, machine)[[j.name for j in machine.joints]]
+    names = [f"P{k}" for k in range(1, len(told) + 1)]
+    told.assign(point=names).to_csv(tmp_path / "plan.csv", index=False)
+    named(measured).to_csv(tmp_path / "measured.csv", index=False)
+    result = import_survey(tmp_path / "measured.csv", "trunnion_five_axis", commands=tmp_path / "plan.csv")
+    result.save(tmp_path / "s")
+    assert ("targets" in (tmp_path / "s/survey.yaml").read_text()) == placed
