@@ -179,8 +179,8 @@ def _refuse_mirror(parts: list[tuple[Index, Points]], survey: Survey) -> None:
             )
             cure = (
                 "One coordinate has the other sign, or two are exchanged (a left-handed frame), in the measurements "
-                "or in the commands. Turn it where it is wrong: --columns mz=-Z, --columns mx=Y,my=X "
-                "(mz=-mz, mx=my,my=mx of a format that names its columns itself), or --command-columns with the sign or "
+                "or in the commands. Turn it where it is wrong: --columns mz=-Z or mx=Y,my=X "
+                "(mz=-mz, mx=my,my=mx of formats that name their columns), or --command-columns with the sign or "
                 "exchange of a joint"
             )
             raise InputError(_place(survey), found, cure)
