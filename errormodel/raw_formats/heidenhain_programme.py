@@ -14,7 +14,7 @@ from typing import NoReturn
 
 from errormodel.gcode.words import Block, Word
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
-from errormodel.raw_formats.programme_poses import Programme, ProgrammeZero, recording_of, setup_and_reading
+from errormodel.raw_formats.programme_poses import MOST_OTHER, ProgrammeZero, recording_of_blocks, setup_and_reading
 
 _VALUE = r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)"
 _HEADS = (
@@ -27,7 +27,6 @@ _TOKEN = re.compile(
     rf"(?P<step>I?)(?P<axis>[XYZABCUVW])\s*(?P<value>{_VALUE})|(?P<none>R0)|F\s*(?P<rapid>MAX)|F\s*(?P<auto>AUTO|[ZU]\s*{_VALUE})"
     rf"|F\s*(?P<feed>{_VALUE})|M(?P<m>\s*\d+)?(?=\s|$)|DR(?P<turn>[-+])|R(?P<radius>{_VALUE})"
 )
-MOST_OTHER = 0.2  # of the statements may be something else before the file is taken for another one
 
 _PLAIN = "Write positions as plain numbers, or give a log or a table of the positions as --commands"
 _SINGLE = "Write the statements one after the other as the control executes them, or give a log of the positions"
@@ -71,14 +70,10 @@ class HeidenhainProgramme(RawFormat):
 
     @classmethod
     def read(cls, raw: RawFile, asked: Asked) -> Recording:
-        from errormodel.gcode.codes import DIALECTS
-        from errormodel.gcode.programme import Source
-
         setup, reading = setup_and_reading(raw, asked, "auto")
         reader = _Reader(ProgrammeZero(bool(reading.offsets)))
         blocks = [reader.block(block, text) for block, text in _statements(raw.name, raw.lines)]
-        dialect = replace(DIALECTS["iso"], title=cls.title)
-        return recording_of(raw, Programme(setup, Source(raw.name, dialect, blocks, reading), reader.ways))
+        return recording_of_blocks(raw, cls.title, setup, reading, blocks, reader.ways)
 
 
 def _statements(name: str, lines: Sequence[str]) -> Iterator[tuple[Block, str]]:

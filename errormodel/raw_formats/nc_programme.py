@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
-from errormodel.raw_formats.programme_poses import Programme, recording_of, setup_and_reading
+from errormodel.raw_formats.programme_poses import MOST_OTHER, Programme, recording_of, setup_and_reading
 
 _BLOCK = re.compile(r"\s*/?\s*(?:[NO]\d+\s*)?(?:[A-Z]=?\s*[-+]?(?:\d+(?:\.\d*)?|\.\d+)\s*)*$", re.IGNORECASE)
 _MOTION = re.compile(r"(?<![A-Z])G0*[0-3](?![\d.])", re.IGNORECASE)
 _COMMENT = re.compile(r"\([^()]*\)|;.*$")
-MOST_OTHER = 0.2  # of the lines of a programme may be something else before it is taken for another file
 
 
 class NcProgramme(RawFormat):

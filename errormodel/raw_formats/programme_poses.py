@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 _WAITS = ("G4",)
 _STOPS = ("M0", "M1")
 TRAVEL_SLACK = 1e-6  # mm or degrees
+MOST_OTHER = 0.2  # of the lines of a programme may be something else before it is taken for another file
 SAME_PLACE = 1e-9  # mm or degrees: round-off of a position that is commanded again
 
 
@@ -76,6 +77,23 @@ def recording_of(raw: RawFile, programme: Programme) -> Recording:
     if source.switched:
         notes.append("blocks behind '/' taken as carried out")
     return Recording(frame, units | {"feed": "mm/min"}, tuple(lines), (*raw.notes, *notes), again=tuple(again))
+
+
+def recording_of_blocks(
+    raw: RawFile, title: str, setup: Setup, reading: Reading, blocks: list[Block], ways: Mapping[tuple[int, str], int]
+) -> Recording:
+    """Poses of blocks that were put into words of RS274/NGC from the language `title`; `ways` as `Programme.ways`.
+
+    Raises
+    ------
+    InputError
+        As `recording_of`.
+    """
+    from errormodel.gcode.codes import DIALECTS
+    from errormodel.gcode.programme import Source
+
+    dialect = replace(DIALECTS["iso"], title=title)
+    return recording_of(raw, Programme(setup, Source(raw.name, dialect, blocks, reading), ways))
 
 
 @dataclass

@@ -12,7 +12,7 @@ from typing import NoReturn
 
 from errormodel.gcode.words import Block, Word
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
-from errormodel.raw_formats.programme_poses import Programme, ProgrammeZero, recording_of, setup_and_reading
+from errormodel.raw_formats.programme_poses import MOST_OTHER, ProgrammeZero, recording_of_blocks, setup_and_reading
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
 _TEXT = re.compile(r'"[^"]*"')
@@ -27,7 +27,6 @@ _TOKEN = re.compile(f"{_ADDRESS}|{_LETTER}|{_WORD}")
 _CODE = re.compile(r"(?<![A-Z])G\d")
 _AXIS = re.compile(r"(?<![A-Z])[XYZABCUVW]\d*\s*(?:=|[-+]?[\d.])")
 _REFERENCE = re.compile(r"(?<![A-Z])G7[45](?![\d.])")  # to places of the machine's own
-MOST_OTHER = 0.2  # of the lines of a programme may be something else before it is taken for another file
 
 _PLAIN = "Write positions as plain numbers (X=100.5), or give a log or a table of the positions as --commands"
 _SINGLE = "Write the blocks one after the other as the control executes them, or give a log of the positions"
@@ -78,14 +77,10 @@ class SiemensProgramme(RawFormat):
 
     @classmethod
     def read(cls, raw: RawFile, asked: Asked) -> Recording:
-        from errormodel.gcode.codes import DIALECTS
-        from errormodel.gcode.programme import Source
-
         setup, reading = setup_and_reading(raw, asked, "auto")
         reader = _Reader(setup.names, ProgrammeZero(bool(reading.offsets)))
         blocks = [reader.block(Block(raw.name, k, line)) for k, line in enumerate(raw.lines, start=1)]
-        dialect = replace(DIALECTS["iso"], title=cls.title)
-        return recording_of(raw, Programme(setup, Source(raw.name, dialect, blocks, reading), reader.ways))
+        return recording_of_blocks(raw, cls.title, setup, reading, blocks, reader.ways)
 
 
 def _plain(line: str) -> str:
