@@ -10,7 +10,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import ClassVar, Self
 
 import numpy as np
@@ -19,9 +18,6 @@ from errormodel.arrays import Array, Index, Mask, Rows, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain, What
 from errormodel.kernel import KERNEL_BLOCK_ROWS, Kernel
 from identification.observation.pose import IDENTITY, Pose
-from identification.runtime.parallel import parallel_map
-
-CHUNK_ROWS = 16 * KERNEL_BLOCK_ROWS  # rows that one core works on at a time
 
 # Kind of observation: position, orientation, displacement, angle, or the type of an entry of observations:. Each has a
 # noise level of its own, where none is declared
@@ -139,11 +135,6 @@ class View(ABC):
         return vectors * self.whitener[part]
 
 
-def chunks(rows: int) -> list[slice]:
-    """Ranges of rows that are worked on side by side; they depend on the number of rows alone."""
-    return [slice(k, min(k + CHUNK_ROWS, rows)) for k in range(0, rows, CHUNK_ROWS)]
-
-
 def anywhere(view: View, poses: int) -> View:
     """The view with random poses over the full travels, and the tools, components and other channels of its rows."""
     return view.scattered(np.random.default_rng(0), poses)
@@ -205,13 +196,8 @@ class GapView(View):
     def of(cls, view: View, p: Array) -> GapView:
         """Store the gaps of a view at the chain's parameters `p`."""
         gap = np.empty((len(view.outputs), len(view)))
-
-        def store(rows: slice) -> None:
-            own = gap[:, rows]
-            for part, block in view.part(rows).gaps(p):
-                own[:, part] = block
-
-        parallel_map([partial(store, rows) for rows in chunks(len(view))])
+        for part, block in view.gaps(p):
+            gap[:, part] = block
         return cls(
             kind=view.kind, chain=view.chain, ids=view.ids, columns=view.columns, rows=view.rows,
             whitener=view.whitener, index=view.index, fixed=view.fixed, outputs=view.outputs, what=view.what, gap=gap,

@@ -7,15 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from types import ModuleType
 
 import numpy as np
 
 from errormodel.arrays import Array, Index
 from errormodel.kernel import Kernel, compiled
-from identification.observation.models import GapView, Kind, View, anywhere, chunks
-from identification.runtime.parallel import parallel_map
+from identification.observation.models import GapView, Kind, View, anywhere
 
 Selector = tuple[Index, Array]
 FULL_POSES = 200  # random poses that stand for the full travels
@@ -117,15 +116,14 @@ class _Task:
     gram: bool
 
     def run(self) -> Sums:
-        """All sums, of ranges of rows side by side; what they are depends on the number of rows alone."""
+        """All sums, on one core: threads of short NumPy steps wait for the interpreter longer than they gain."""
         kernel = self.view.design(linearised=self.at is not None)
         selectors = selectors_of(kernel, len(self.view.outputs), self.columns)
         components, columns = len(selectors), len(self.columns)
         few = not self.gram or kernel.n_functions**2 < 2 * components * columns**2
         kind = _Alike if self.view.whitener.ndim == 1 and few else _Directed
         work = kind(self, kernel, selectors, compiled(len(self.view)))
-        parts = parallel_map([partial(work.sums, rows) for rows in chunks(len(self.view))])
-        return work.total(parts)
+        return work.total(work.sums())
 
 
 @dataclass(frozen=True)
@@ -152,19 +150,17 @@ class _Alike:
         own = [np.bincount(k, s * linear, n) for k, s in self.selectors]
         return np.array(own if len(own) == 1 or len(own) % 2 == 0 else [*own, np.zeros(n)])
 
-    def blocks(self, rows: slice) -> Iterator[tuple[slice, Array, Array]]:
-        """Blocks of a range of rows: slice in the view, distinct functions and residual."""
-        task = self.task
-        view = task.view.part(rows)
+    def blocks(self) -> Iterator[tuple[slice, Array, Array]]:
+        """Blocks of rows: slice in the view, distinct functions and residual."""
+        task, view = self.task, self.task.view
         design = self.kernel.blocks(view.rows, task.p if task.at is None else task.at, loops=self.loops)
         for (part, functions), (_, gap) in zip(design, view.gaps(task.p), strict=True):
             block = np.asarray(functions)
-            here = slice(rows.start + part.start, rows.start + part.stop)
             if self.slopes is None:
-                yield here, block, gap
+                yield part, block, gap
             else:  # stored gaps are overwritten by the residual
                 kept = gap if isinstance(view, GapView) else None
-                yield here, block, np.subtract(gap, (self.slopes @ block)[: len(gap)], out=kept)
+                yield part, block, np.subtract(gap, (self.slopes @ block)[: len(gap)], out=kept)
 
     @cached_property
     def weight(self) -> float | None:
@@ -187,13 +183,13 @@ class _Alike:
         wanted = np.tril(np.einsum("ci,cj->ij", near, near))
         return order, np.argwhere(wanted)
 
-    def sums(self, rows: slice) -> Array:
-        """Products (functions and residuals, the same) of a range of rows; those of residuals in the last columns."""
+    def sums(self) -> Array:
+        """Products (functions and residuals, the same) of all rows; those of residuals in the last columns."""
         n, c, whitener = self.kernel.n_functions, len(self.selectors), self.task.view.whitener
         out = np.zeros((n + c, n + c))
         order, tiles = self.tiles if self.loops is not None and self.task.gram else (np.zeros(0, np.intp), None)
         tiled = np.zeros((len(order), len(order)))
-        for part, functions, gap in self.blocks(rows):
+        for part, functions, gap in self.blocks():
             one = self.weight is not None
             white, left = (functions, gap) if one else (functions * whitener[part], gap * whitener[part])
             if self.loops is not None and tiles is not None:
@@ -208,10 +204,9 @@ class _Alike:
             out[np.ix_(own, own)] = (np.tril(tiled) + np.tril(tiled, -1).T)[: n + c, : n + c]
         return out
 
-    def total(self, parts: Sequence[Array]) -> Sums:
-        """Sums over the columns, from the products of all ranges in their order."""
+    def total(self, products: Array) -> Sums:
+        """Sums over the columns, from the products."""
         n, task = self.kernel.n_functions, self.task
-        products = sum(parts, np.zeros((n + len(self.selectors),) * 2))
         weight = 1.0 if self.weight is None else self.weight**2
         sums = Sums.zero(len(task.columns))
         for k, (place, factor) in enumerate(self.selectors):
@@ -228,10 +223,10 @@ class _Directed(_Alike):
     Products are those of the columns and, below them, of the residual.
     """
 
-    def sums(self, rows: slice) -> Array:
+    def sums(self) -> Array:
         view, gram, columns = self.task.view, self.task.gram, len(self.task.columns)
         out = np.zeros((columns + 1, columns + 1))
-        for part, functions, gap in self.blocks(rows):
+        for part, functions, gap in self.blocks():
             white = view.whiten(part, _expanded(functions, self.selectors)).reshape(columns, gap.size)
             flat = view.whiten(part, gap).ravel()
             if gram:
@@ -240,8 +235,7 @@ class _Directed(_Alike):
             out[-1, -1] += float(flat @ flat)
         return out
 
-    def total(self, parts: Sequence[Array]) -> Sums:
-        products = sum(parts, np.zeros((len(self.task.columns) + 1,) * 2))
+    def total(self, products: Array) -> Sums:
         return Sums(products[:-1, :-1], products[:-1, -1].copy(), float(products[-1, -1]))
 
 

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 
@@ -17,8 +17,7 @@ from errormodel.conventions import MOTIONS
 from errormodel.kernel import Kernel, compiled
 from errormodel.machine import Basis, Joint, Machine, Shape
 from identification.estimation import least_squares
-from identification.observation.models import GapView, PositionView, View, chunks
-from identification.runtime.parallel import parallel_map
+from identification.observation.models import GapView, PositionView, View
 from tests.benchmarks.five_axis import IDS, JOINTS, TOOL
 
 __all__ = [
@@ -59,14 +58,9 @@ def as_design(result: Array, q: Array) -> Array:
 
 
 def stream(q: Array) -> int:
-    """M as every fit takes it: its distinct functions, block by block through one buffer a core; nothing is kept."""
-    made, rows, loops = kernel(), _rows(q), compiled(len(q))
-
-    def some(part: slice) -> int:
-        blocks = made.blocks([r[part] for r in rows], loops=loops)
-        return sum(functions.shape[1] for _, functions in blocks)  # type: ignore[union-attr]
-
-    return sum(parallel_map([partial(some, part) for part in chunks(len(q))]))
+    """M as every fit takes it: its distinct functions, block by block through one buffer; nothing is kept."""
+    blocks = kernel().blocks(_rows(q), loops=compiled(len(q)))
+    return sum(functions.shape[1] for _, functions in blocks)  # type: ignore[union-attr]
 
 
 @contextmanager
