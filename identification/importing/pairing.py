@@ -214,7 +214,8 @@ def _nearest(source: SourceFile, commands: SourceFile, path: Array, middle: Arra
     found = find_pairing(path, middle, seed)
     if found is None:
         text = (
-            f"{len(middle)} readings that lie in no frame on the {len(path)} commands of {commands.raw.name}; "
+            f"{len(middle)} readings that lie in no frame on the {len(path)} commands of {commands.raw.name}"
+            f"{commands.broken_off}; "
             f"the points reach {_reach(middle):.0f} mm, the commands {_reach(path):.0f} mm"
         )
         again = [note for note in commands.recording.notes if "counted as one pose" in note]
