@@ -29,7 +29,7 @@ from identification.importing.partial import refuse_partial
 from identification.importing.proof import Proof, prove, refuse_unit, with_other_order
 from identification.importing.readings import ReadingFile, SetUps, join_readings, set_ups
 from identification.importing.sources import SourceFile, Wishes, open_source
-from identification.importing.traces import Trace, traces_of
+from identification.importing.traces import Trace, ball_notes, traces_of
 from identification.importing.unused_options import refuse_unused
 from identification.observation.frames import MACHINE_ERROR_SHARE, align
 
@@ -135,6 +135,9 @@ def import_files(
         proof = with_other_order(machine, survey, proof)
         if proof.other is not None and wishes.match != "order":  # who says the order has confirmed it
             survey, files = _with_note(f"{proof.other.text}. {CURE}", survey, files)
+    warning = ball_notes(traces)[1]
+    if warning:
+        survey, files = _with_note(warning, survey, files)
     places = set_ups(chain, survey, readings)
     everything = (
         *points, *single, *motions, *(t.source for t in traces), *logs, *([commanded] if commanded else []),

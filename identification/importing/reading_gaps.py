@@ -51,7 +51,7 @@ def with_gaps(chain: Chain, commands: SourceFile, observation: Observation, read
 
 
 def _cut_off(chain: Chain, commands: SourceFile, observation: Observation, readings: Array) -> Candidate | None:
-    """The first commands, or the last, of readings that were broken off or begun late; None where not one of them fits."""
+    """The first commands, or the last, of readings that were broken off or begun late; None where not one fits."""
     n, fits = len(readings), []
     for first, words in ((0, "the first"), (commands.rows - n, "the last")):
         way = Candidate(np.arange(first, first + n), f"order, {words} {n} commands")
