@@ -14,7 +14,9 @@ _MINUS = frozenset(
     ("-", "-1", "-1.0", "\u2013", "\u2212", "backward", "reverse", "rev", "bwd", "negative", "neg", "down", "b", "r")
 )
 _TURNS = {
-    **dict.fromkeys(("ccw", "counterclockwise", "anticlockwise", "acw", "g3", "g03", "guzs", "gegenuhrzeigersinn"), 1.0),
+    **dict.fromkeys(
+        ("ccw", "counterclockwise", "anticlockwise", "acw", "g3", "g03", "guzs", "gegenuhrzeigersinn"), 1.0
+    ),
     **dict.fromkeys(("cw", "clockwise", "g2", "g02", "uzs", "uhrzeigersinn"), -1.0),
 }
 HEADINGS = r"dir(ection)?|approach(direction)?|sense|richtung"

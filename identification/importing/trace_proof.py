@@ -111,7 +111,9 @@ def refuse_shifted(circle: Circle, where: str) -> str:
     shifts = np.arange(-size, size + 1)
     rolled = np.column_stack([np.roll(circle.length, k) for k in shifts])
     left = _left(model, rolled)
-    here, best = float(left[size]), int(np.argmin(left))
+    here = float(left[size])
+    alike = np.flatnonzero(left < ALIKE * left.min())  # half a turn on in both senses the readings fit as well
+    best = int(alike[np.argmin(np.abs(shifts[alike]))])
     both = np.column_stack([model, moved])
     free = float(_left(both, circle.length[:, None])[0])
     coefficients = np.linalg.lstsq(both, circle.length, rcond=None)[0]
