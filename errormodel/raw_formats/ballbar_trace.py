@@ -13,6 +13,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.commanded_circle import senses_of
 from errormodel.raw_formats.direction_words import turning
 from errormodel.raw_formats.table_columns import columns_of, numbers
 from errormodel.raw_formats.unit_words import unit_word
@@ -153,15 +154,3 @@ def _refuse_other_sense(raw: RawFile, recording: Recording, side: Array, asked: 
             cure = f"If the angle counts clockwise from {plane[0]}, say --plane {plane[::-1]} --start 90"
             raise InputError(f"{raw.name}, column {name}", found, f"{cure}; else say which axes it counts between")
         return
-
-
-def senses_of(angle: Array) -> Array:
-    """1 where the angle grows, else -1, (n,); where the bar turns back, as it goes on."""
-    if len(angle) < 2:
-        return np.ones(len(angle))
-    steps = np.sign(np.diff(angle, prepend=2 * angle[0] - angle[1]))
-    moving = np.flatnonzero(steps)
-    if not len(moving):
-        return np.ones(len(angle))
-    following = moving[np.minimum(np.searchsorted(moving, np.arange(len(angle))), len(moving) - 1)]
-    return np.asarray(steps[following])

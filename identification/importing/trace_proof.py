@@ -8,7 +8,7 @@ annex A; W. Knapp, Annals of the CIRP 32 (1983) 465.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,11 @@ WINDOW = 3  # rows on each side whose median a reading is compared with
 SINGLE = 8.0  # standard deviations: a reading so far off its neighbours is none of them
 FITS = 4.0  # standard deviations: so near, it belongs there
 LEAST = 1e-4  # mm: a scatter below is the resolution of a file
+QUADRANT = 5.0  # degrees beside the places where an axis reverses
+CLEAR, USUAL_PEAK = (
+    0.1,
+    0.02,
+)  # of two peaks there: apart in each other's place, of their size; mm, smaller ones are usual
 ORDER = 4  # waves a turn that a machine's errors have, at most
 MOST_ROWS = 400  # by which readings are shifted, to either side
 FEWEST = 40  # readings of each sense
@@ -83,10 +88,13 @@ def refuse_exchanged(circle: Circle, where: str) -> int:
     off = circle.length - middle
     scatter = max(1.4826 * float(np.median(np.abs(off - np.median(off)))), LEAST)
     single = np.flatnonzero(np.abs(off) > SINGLE * scatter)
+    reverses = np.abs(np.angle(np.exp(4j * circle.angle)) / 4) < np.radians(QUADRANT)
     for at, i in enumerate(single):
         for j in single[at + 1 :]:
             apart = max(abs(circle.length[j] - middle[i]), abs(circle.length[i] - middle[j]))
-            if apart < FITS * scatter and off[i] * off[j] < 0:
+            peaks = reverses[i] and reverses[j]  # single readings of opposite signs are usual there
+            near = min(FITS * scatter, CLEAR * abs(off[i])) if peaks else FITS * scatter
+            if apart < near and off[i] * off[j] < 0 and not (peaks and abs(off[i]) < USUAL_PEAK):
                 rows = f"lines {circle.lines[i]} and {circle.lines[j]}" if circle.lines else f"rows {i + 1} and {j + 1}"
                 found = (
                     f"the readings of {rows} are exchanged: they lie {1e3 * abs(off[i]):.3g} and "
@@ -156,7 +164,7 @@ def _moved(circle: Circle) -> Array:
     return np.column_stack([circle.sense * np.cos(circle.angle), circle.sense * np.sin(circle.angle)])
 
 
-TURNED = {  # place of a ball (first axis, second axis) where the angle counts otherwise, by what to say
+TURNED: dict[str, Callable[[float, float], tuple[float, float]]] = {  # place of a ball (first axis, second axis) where the angle counts otherwise, by what to say
     "--start 90": lambda u, v: (-v, u),
     "--start 180": lambda u, v: (-u, -v),
     "--start 270": lambda u, v: (v, -u),

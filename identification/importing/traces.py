@@ -11,7 +11,7 @@ import numpy as np
 
 from errormodel.exceptions import InputError
 from errormodel.observations import registry
-from errormodel.raw_formats.ballbar_trace import senses_of
+from errormodel.raw_formats.commanded_circle import senses_of
 from identification.importing.sources import SourceFile
 from identification.importing.trace_proof import Circle, common_ball, refuse_exchanged, refuse_shifted, row_places
 
