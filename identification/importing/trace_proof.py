@@ -20,7 +20,7 @@ WINDOW = 3  # rows on each side whose median a reading is compared with
 SINGLE = 8.0  # standard deviations: a reading so far off its neighbours is none of them
 FITS = 4.0  # standard deviations: so near, it belongs there
 LEAST = 1e-4  # mm: a scatter below is the resolution of a file
-QUADRANT = 5.0  # degrees beside the places where an axis reverses
+QUADRANT = 5.0  # degrees, or `WINDOW` rows, beside the places where an axis reverses
 CLEAR, USUAL_PEAK = (
     0.1,
     0.02,
@@ -88,9 +88,11 @@ def refuse_exchanged(circle: Circle, where: str) -> int:
     off = circle.length - middle
     scatter = max(1.4826 * float(np.median(np.abs(off - np.median(off)))), LEAST)
     single = np.flatnonzero(np.abs(off) > SINGLE * scatter)
-    reverses = np.abs(np.angle(np.exp(4j * circle.angle)) / 4) < np.radians(QUADRANT)
+    steps = np.abs(np.diff(circle.angle))
+    beside = max(np.radians(QUADRANT), WINDOW * float(np.median(steps)) + 1e-9)
+    reverses = np.abs(np.angle(np.exp(4j * circle.angle)) / 4) < beside
     for at, i in enumerate(single):
-        for j in single[at + 1 :]:
+        for j in (k for k in single[at + 1 :] if k - i > 2 * WINDOW):  # nearer, each is a neighbour of the other
             apart = max(abs(circle.length[j] - middle[i]), abs(circle.length[i] - middle[j]))
             peaks = reverses[i] and reverses[j]  # single readings of opposite signs are usual there
             near = min(FITS * scatter, CLEAR * abs(off[i])) if peaks else FITS * scatter
@@ -164,7 +166,9 @@ def _moved(circle: Circle) -> Array:
     return np.column_stack([circle.sense * np.cos(circle.angle), circle.sense * np.sin(circle.angle)])
 
 
-TURNED: dict[str, Callable[[float, float], tuple[float, float]]] = {  # place of a ball (first axis, second axis) where the angle counts otherwise, by what to say
+TURNED: dict[
+    str, Callable[[float, float], tuple[float, float]]
+] = {  # place of a ball (first axis, second axis) where the angle counts otherwise, by what to say
     "--start 90": lambda u, v: (-v, u),
     "--start 180": lambda u, v: (-u, -v),
     "--start 270": lambda u, v: (v, -u),
