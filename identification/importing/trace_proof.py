@@ -93,10 +93,11 @@ def refuse_exchanged(circle: Circle, where: str) -> int:
     reverses = np.abs(np.angle(np.exp(4j * circle.angle)) / 4) < beside
     for at, i in enumerate(single):
         for j in (k for k in single[at + 1 :] if k - i > 2 * WINDOW):  # nearer, each is a neighbour of the other
-            apart = max(abs(circle.length[j] - middle[i]), abs(circle.length[i] - middle[j]))
-            peaks = reverses[i] and reverses[j]  # single readings of opposite signs are usual there
-            near = min(FITS * scatter, CLEAR * abs(off[i])) if peaks else FITS * scatter
-            if apart < near and off[i] * off[j] < 0 and not (peaks and abs(off[i]) < USUAL_PEAK):
+            size = min(abs(off[i]), abs(off[j]))
+            apart = np.abs([circle.length[j] - middle[i], circle.length[i] - middle[j]])
+            peaks = reverses[[i, j]]  # single readings off their neighbours are usual there
+            near = np.where(peaks, max(FITS * scatter, CLEAR * size), FITS * scatter)
+            if (apart < near).all() and off[i] * off[j] < 0 and not (peaks.all() and size < USUAL_PEAK):
                 rows = f"lines {circle.lines[i]} and {circle.lines[j]}" if circle.lines else f"rows {i + 1} and {j + 1}"
                 found = (
                     f"the readings of {rows} are exchanged: they lie {1e3 * abs(off[i]):.3g} and "
