@@ -233,6 +233,11 @@ class Effect(BaseModel, ABC):
         return ""
 
     @property
+    def motion_form(self) -> str:
+        """In words which of several forms at one place it is; empty where there is one."""
+        return ""
+
+    @property
     def random(self) -> bool:
         """Whether the parameters are random effects: shrunk to zero by a prior of one common standard deviation."""
         return False

@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Field
 
-from errormodel.conventions import MOTIONS, Motion, unit_of
+from errormodel.conventions import MOTIONS, Motion, iso_symbol, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, axis_motion
 from errormodel.effects.ops import Value
 from errormodel.effects.search_space.survey_summary import Scene
@@ -85,6 +85,12 @@ class HigherOrderGeometry(JointEffect):
     @property
     def random(self) -> bool:
         return self.every is not None
+
+    @property
+    def motion_form(self) -> str:
+        """The motion and the degree, where it is one and bends: degree 1 of a straightness is a squareness."""
+        one = len(self.degrees) == 1 and self.degrees[0] > 1 and not self.every
+        return f"{iso_symbol(self.joint, self.motion)} of degree {self.degrees[0]}" if one else ""
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

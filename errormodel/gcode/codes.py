@@ -8,7 +8,7 @@ Series 30i operator's manual B-64484EN (preparatory functions); Marlin documenta
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 MOTION = "motion"
 ORIGINS = ("G54", "G55", "G56", "G57", "G58", "G59")  # work offsets
@@ -109,9 +109,14 @@ class Dialect:
     printer: bool = False
     header: bool = False  # begins with O and a number
     points: bool = False  # a number without a decimal point may count in least increments
+    increments: bool = False  # it does, in those of 0.001 mm, 0.001 degrees or 0.0001 inches (IS-B)
 
 
 _MILL_EXTRAS = {"G4": "P", "G43": "H", "G64": "PQ"}
+_FANUC = Dialect(
+    "fanuc", "FANUC and the like", _MILLING | _MILLING_M | {"G9": "one line", "G15": "polar", "G67": "macro"},
+    "FSTIJKR", _MILL_EXTRAS | {"G4": "PX"}, header=True, points=True,
+)  # fmt: skip
 DIALECTS: Mapping[str, Dialect] = {
     d.name: d
     for d in (
@@ -121,11 +126,9 @@ DIALECTS: Mapping[str, Dialect] = {
             "G59.3": "work offset", "G61.1": "path", "G90.1": "arc distance", "G91.1": "arc distance"},
             "FSTIJKR", _MILL_EXTRAS,
         ),
-        Dialect(
-            "fanuc", "FANUC and the like",
-            _MILLING | _MILLING_M | {"G9": "one line", "G15": "polar", "G67": "macro"},
-            "FSTIJKR", _MILL_EXTRAS | {"G4": "PX"}, header=True, points=True,
-        ),
+        _FANUC,
+        replace(_FANUC, name="fanuc-calculator", points=False),
+        replace(_FANUC, name="fanuc-increments", points=False, increments=True),
         Dialect(
             "printer", "3-D printers (Marlin, Klipper, RepRapFirmware)",
             _FOR_ALL | _PRINTING_M | {"G10": "one line", "G11": "one line", "G29": "one line", "G34": "one line",
@@ -134,6 +137,11 @@ DIALECTS: Mapping[str, Dialect] = {
         ),
     )
 }  # fmt: skip
+# both kinds of input exist: FANUC B-64484EN, 3401#0 (DPI), and Haas, setting 162 (default to float)
+WHOLE_NUMBERS = (
+    "--dialect fanuc-calculator where they are mm (FANUC parameter 3401#0 = 1, Haas setting 162 on), "
+    "--dialect fanuc-increments where they are 0.001 mm (0, off)"
+)
 UNREAD = {
     "siemens": "Siemens programmes are not read here",
     "heidenhain": "Heidenhain programmes are not read here",

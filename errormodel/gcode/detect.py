@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 
 from errormodel.exceptions import InputError, nearest
-from errormodel.gcode.codes import DIALECTS, UNREAD, Dialect
+from errormodel.gcode.codes import DIALECTS, UNREAD, WHOLE_NUMBERS, Dialect
 from errormodel.gcode.words import Block
 
 AUTO = "auto"
@@ -74,7 +74,9 @@ def dialect_of(asked: str, blocks: Sequence[Block]) -> Dialect:
         whole = next((b for b, t in plain if WHOLE_NUMBER.search(t)), None)
         if points and whole:
             found_text = f"a number without a decimal point, and one as '10.' in line {points.number}"
-            whole.refuse(f"{found_text}: on some controls the former counts in least increments", ASK)
+            whole.refuse(
+                f"{found_text}: on some controls the former counts in least increments", f"Say {WHOLE_NUMBERS}"
+            )
     return DIALECTS[name]
 
 

@@ -11,7 +11,7 @@ from functools import cached_property
 from math import isfinite
 from typing import TYPE_CHECKING
 
-from errormodel.gcode.codes import MOTION, REFUSED, Dialect
+from errormodel.gcode.codes import MOTION, REFUSED, WHOLE_NUMBERS, Dialect
 from errormodel.gcode.words import Block
 
 if TYPE_CHECKING:
@@ -149,7 +149,7 @@ def _letters(block: Block, dialect: Dialect, axes: Sequence[str], codes: Codes, 
 
 def _pointless(block: Block, word: str) -> None:
     found = f"{word} without a decimal point, which some of these controls count in least increments"
-    block.refuse(found, f"Write {word}. or say --dialect iso")
+    block.refuse(found, f"Say {WHOLE_NUMBERS}; or write {word}.")
 
 
 def _belong(block: Block, dialect: Dialect, axes: Sequence[str], codes: Codes) -> None:

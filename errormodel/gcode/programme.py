@@ -21,6 +21,7 @@ from errormodel.gcode.codes import Dialect
 from errormodel.gcode.cycles import CYCLES, CycleWriter
 from errormodel.gcode.detect import COMMENT_TEXT, dialect_of
 from errormodel.gcode.divide import Correct
+from errormodel.gcode.increments import in_plain_numbers
 from errormodel.gcode.interpreter import Interpreter
 from errormodel.gcode.reading import Reading
 from errormodel.gcode.rewrite import rewritten
@@ -170,7 +171,7 @@ def _split_again(source: Source, lines: Sequence[Sequence[str]]) -> list[Block]:
             fresh = Block(source.name, block.number, line)
             passed = block.empty and not block.words and line == block.text
             out.append(block if passed else split(fresh, source.dialect.printer))
-    return out
+    return in_plain_numbers(out) if source.dialect.increments else out
 
 
 def _blocks(raw: Sequence[Block], dialect: Dialect) -> list[Block]:
@@ -182,7 +183,7 @@ def _blocks(raw: Sequence[Block], dialect: Dialect) -> list[Block]:
         if text == "%" and not dialect.printer and k in (full[0], full[-1]):
             out.append(block)
             continue
-        if dialect.header and not begun and text.upper().startswith("O"):
+        if not dialect.printer and not begun and text.upper().startswith(("O", ":")):
             number = text[1:].split("(", 1)[0].strip()
             rest = split(Block(block.file, block.number, text[1 + len(number) :]), False)
             if number.isdecimal() and number.isascii() and rest.empty:
@@ -195,7 +196,7 @@ def _blocks(raw: Sequence[Block], dialect: Dialect) -> list[Block]:
         if dialect.header and any(c.startswith(";") and c.strip("; \t") for c in out[-1].comments):
             block.refuse("text behind ';', which ends a block on these controls", "Write ( ) around comments")
         begun = begun or not out[-1].empty
-    return out
+    return in_plain_numbers(out) if dialect.increments else out
 
 
 def _notes(source: Source, steps: Sequence[Step], setup: Setup) -> tuple[str, ...]:

@@ -13,6 +13,8 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.commanded_circle import senses_of
+from errormodel.raw_formats.direction_words import turning
 from errormodel.raw_formats.table_columns import columns_of, numbers
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.units import factor, is_unit, to_internal
@@ -31,6 +33,8 @@ _NOMINAL = re.compile(
     re.IGNORECASE,
 )
 _PLANE = re.compile(r"(?:(?:test\s*)?plane|ebene)\s*[:=,;\t]?\s*(XY|YZ|ZX|XZ|ZY|YX)\b", re.IGNORECASE)
+CYCLIC = ("XY", "YZ", "ZX")  # planes in which counter-clockwise is from the first axis to the second (ISO 841)
+TURN = 2  # rows beside a change of the sense
 _FEED = re.compile(r"(?:feed(?:\s*rate)?|vorschub)\s*[:=,;\t]?\s*(\d+(?:\.\d*)?)", re.IGNORECASE)
 
 
@@ -86,7 +90,8 @@ class BallbarTrace(RawFormat):
             if not is_unit(own, "length"):
                 raise InputError(raw.name, f"the unit '{own}' of the column {reading}", "Say it with --units length=mm")
             length = to_internal(numbers(recording, reading, raw.name), own, "length")
-        side = _sides(turned)
+        side = senses_of(turned)
+        _refuse_other_sense(raw, recording, side, asked, head)
         stated = {
             name: match[1].upper() for name, p in (("plane", _PLANE), ("feed", _FEED)) if (match := p.search(head))
         }
@@ -118,13 +123,34 @@ def _size(match: re.Match[str] | None) -> float:
     return float(match[1].replace(",", ".")) * factor(unit_word(match[2] or "mm"), "length")
 
 
-def _sides(angle: Array) -> Array:
-    """1 where the angle grows, else -1, (n,); where the bar turns back, as it goes on."""
-    if len(angle) < 2:
-        return np.ones(len(angle))
-    steps = np.sign(np.diff(angle, prepend=2 * angle[0] - angle[1]))
-    moving = np.flatnonzero(steps)
-    if not len(moving):
-        return np.ones(len(angle))
-    following = moving[np.minimum(np.searchsorted(moving, np.arange(len(angle))), len(moving) - 1)]
-    return np.asarray(steps[following])
+def _refuse_other_sense(raw: RawFile, recording: Recording, side: Array, asked: Asked, head: str) -> None:
+    """InputError where a column of words says another sense than the angles run in."""
+    for name in map(str, recording.frame):
+        column = recording.frame[name]
+        said = turning(column) if column.dtype.kind not in "fiu" else None
+        if said is None:
+            continue
+        turns = np.flatnonzero(np.diff(side) != 0) + 1
+        near = np.zeros(len(side), dtype=bool)
+        for k in turns:  # where the sense changes, a row may count to either
+            near[max(k - TURN, 0) : k + TURN] = True
+        product = (said * side)[~near]
+        if not len(product):
+            continue
+        differs = np.flatnonzero(~near)[product != np.sign(product.sum() or 1.0)]
+        if len(differs):
+            row = int(differs[0])
+            line = f"line {recording.lines[row]}, " if recording.lines else ""
+            found = f"{column.iloc[row]} where the angle {'grows' if side[row] > 0 else 'falls'}, unlike in other rows"
+            raise InputError(f"{raw.name}, {line}column {name}", found, "Give the trace as the instrument wrote it")
+        stated = _PLANE.search(head)
+        plane = (asked.circle.plane if asked.circle is not None else "") or (stated[1].upper() if stated else "")
+        if product[0] < 0 and plane in CYCLIC:
+            word = column.iloc[int(np.flatnonzero(~near)[0])]
+            found = (
+                f"{word} where the angle {'grows' if side[~near][0] > 0 else 'falls'} from {plane[0]} to {plane[1]} "
+                f"(in {plane} that is {'counter-clockwise' if side[~near][0] > 0 else 'clockwise'})"
+            )
+            cure = f"If the angle counts clockwise from {plane[0]}, say --plane {plane[::-1]} --start 90"
+            raise InputError(f"{raw.name}, column {name}", found, f"{cure}; else say which axes it counts between")
+        return

@@ -85,3 +85,15 @@ class CommandedCircle(FileModel):
         if plane[0] == plane[1]:
             raise InputError(where, f"the plane {plane}", "Write two different axes, such as XY")
         return plane
+
+
+def senses_of(angle: Array) -> Array:
+    """1 where the angle grows, else -1, (n,); where the bar turns back, as it goes on."""
+    if len(angle) < 2:
+        return np.ones(len(angle))
+    steps = np.sign(np.diff(angle, prepend=2 * angle[0] - angle[1]))
+    moving = np.flatnonzero(steps)
+    if not len(moving):
+        return np.ones(len(angle))
+    following = moving[np.minimum(np.searchsorted(moving, np.arange(len(angle))), len(moving) - 1)]
+    return np.asarray(steps[following])

@@ -13,7 +13,20 @@ _PLUS = frozenset(("+", "+1", "1", "1.0", "forward", "fwd", "positive", "pos", "
 _MINUS = frozenset(
     ("-", "-1", "-1.0", "\u2013", "\u2212", "backward", "reverse", "rev", "bwd", "negative", "neg", "down", "b", "r")
 )
+_TURNS = {
+    **dict.fromkeys(
+        ("ccw", "counterclockwise", "anticlockwise", "acw", "g3", "g03", "guzs", "gegenuhrzeigersinn"), 1.0
+    ),
+    **dict.fromkeys(("cw", "clockwise", "g2", "g02", "uzs", "uhrzeigersinn"), -1.0),
+}
 HEADINGS = r"dir(ection)?|approach(direction)?|sense|richtung"
+
+
+def turning(cells: Iterable[object]) -> Array | None:
+    """1 for counter-clockwise, -1 for clockwise, (n,); None where a cell says neither."""
+    words = ["".join(c for c in str(cell).lower() if c.isalnum()) for cell in cells]
+    out = np.array([_TURNS.get(w, np.nan) for w in words])
+    return None if not len(out) or np.isnan(out).any() else out
 
 
 def sides(cells: Iterable[object], where: Callable[[int], str]) -> Array:

@@ -6,6 +6,7 @@ moves an axis. Moves between them, such as overruns, tell the side of arrival.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 
 _WAITS = ("G4",)
 _STOPS = ("M0", "M1")
+_COMMENT = re.compile(r"\([^()\n]*\)|;.*")
+_END = re.compile(r"(?<![A-Z0-9])M0*(2|30|17|99)(?![\d.])|END +PGM|^\s*(N\d+ +)?RET\b|\n\s*%\s*$", re.IGNORECASE)
+NO_END = "the programme has no end (M30, M2, END PGM)"
 TRAVEL_SLACK = 1e-6  # mm or degrees
 MOST_OTHER = 0.2  # of the lines of a programme may be something else before it is taken for another file
 SAME_PLACE = 1e-9  # mm or degrees: round-off of a position that is commanded again
@@ -216,6 +220,8 @@ def _poses(
         frame = frame.drop(columns=["feed"])
     zero = "" if programme.source.reading.offsets else ", taken as positions of the axes"
     notes = [f"{len(rows)} poses at {how}{zero}"]
+    if not programme.source.dialect.printer and not _END.search(_COMMENT.sub(" ", raw.text or "")):
+        notes.append(f"{NO_END}: it may have been cut off")
     if again:
         count = len(again)
         notes.append(f"{count} dwell{'s' * (count > 1)} at the place of the dwell before, counted as one pose with it")

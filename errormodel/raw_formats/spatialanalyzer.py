@@ -78,5 +78,5 @@ class SpatialAnalyzerPoints(RawFormat):
         if where:
             notes.append(f"points in the frame {where[1]}")
         if "time" in frame and not asked.dates and any(n.startswith("dates read month") for n in notes):
-            notes.append("the dates leave the order open and are read as SpatialAnalyzer writes them; " + DATES_CURE)
+            notes.append("the dates leave the order open and are read as SpatialAnalyzer writes them. " + DATES_CURE)
         return replace(recording, frame=frame, units=dict.fromkeys(("mx", "my", "mz"), unit), notes=tuple(notes))

@@ -65,7 +65,7 @@ class RawEntry(FileModel):
     joint: str = Field("", description="the joint that a file is about which holds readings of one joint")
     offsets: list[str] = Field([], description='of a programme, as --offset of compensate, such as ["G54=X0,Y0,Z300"]')
     at: list[str] = Field([], description='of a programme, as --at of compensate, such as ["start=X0,Y0,Z0"]')
-    dialect: str = Field("auto", description="of a programme: auto, iso, fanuc or printer")
+    dialect: str = Field("auto", description="of a programme, as --dialect: auto, iso, fanuc, fanuc-calculator ...")
     circle: CommandedCircle | None = Field(
         None, description="of a trace of a bar's length over its angle: the circle that was commanded"
     )

@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 @click.option("--points", type=click.IntRange(2), help="Points an axis. [default: as many as the errors need]")
 @click.option("--resolution", type=float, help="Least increment of the controller in mm. [default: the format's]")
 @click.option("--program", type=FILE, help="The programme (or CSV of commands) to rewrite, where NAME rewrites.")
-@click.option("--dialect", help="Of --program: auto, iso, fanuc or printer. [default: auto]")
+@click.option(
+    "--dialect", help="Of --program: auto, iso, fanuc, fanuc-calculator, fanuc-increments or printer. [default: auto]"
+)
 @click.option("--offset", "offsets", multiple=True, help="Of --program: X.. or G54=X..,Y.. or H1=Z.. (mm, deg).")
 @click.option("--at", "after", multiple=True, help="Where axes stand: start=X0,Y0 or G28=Z0 or M6=stay (mm, deg).")
 @click.option(

@@ -49,7 +49,9 @@ if TYPE_CHECKING:
 @click.option("--command-format", default="", help="Raw format of --commands. [default: recognised]")
 @click.option("--dates", type=click.Choice(["day-first", "month-first"]), help="Where a file does not show it.")
 @click.option("--joint", default="", help="Joint of a file of readings of one joint.")
-@click.option("--dialect", default="auto", help="Of G-code: auto, iso, fanuc or printer.")
+@click.option(
+    "--dialect", default="auto", help="Of G-code: auto, iso, fanuc, fanuc-calculator, fanuc-increments or printer."
+)
 @click.option("--offset", "offsets", multiple=True, help="Of a programme: X.. or G54=X..,Y.. or H1=Z.. (mm, deg).")
 @click.option("--at", "after", multiple=True, help="Where axes stand in a programme: start=X0,Y0 or G28=Z0 (mm, deg).")
 @click.option(

@@ -16,9 +16,11 @@ from errormodel.exceptions import InputError
 from errormodel.files import write_bytes_atomic
 from errormodel.inputs import running
 from errormodel.machine import Machine
+from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.survey import Survey, read_survey
 from errormodel.surveys.file import SURVEY_FILE
 from errormodel.surveys.pairs import PairTable
+from identification.importing.exchanged_rows import CURE as FOUND_CURE
 from identification.importing.geometry import Nominal
 from identification.importing.nearest import find_pairing
 from identification.importing.other_orders import CURE
@@ -27,10 +29,14 @@ from identification.importing.partial import refuse_partial
 from identification.importing.proof import Proof, prove, refuse_unit, with_other_order
 from identification.importing.readings import ReadingFile, SetUps, join_readings, set_ups
 from identification.importing.sources import SourceFile, Wishes, open_source
-from identification.importing.traces import Trace, traces_of
+from identification.importing.traces import Trace, ball_notes, traces_of
 from identification.importing.unused_options import refuse_unused
 from identification.observation.frames import MACHINE_ERROR_SHARE, align
 
+OTHER_COMMANDS = (
+    "In no frame do half of them lie on these commands, in any order: they are of another test, cut off, or the "
+    "machine file is of another machine (a parallel machine, as a delta or a hexapod, is none that errormodel models)"
+)
 Both: TypeAlias = tuple[Array, Array]  # nominal and measured points
 
 MOST_TARGETS, FEWEST_OF_TARGET = 8, 4  # words of a column that may name reflectors, and rows of each; by judgement
@@ -129,6 +135,9 @@ def import_files(
         proof = with_other_order(machine, survey, proof)
         if proof.other is not None and wishes.match != "order":  # who says the order has confirmed it
             survey, files = _with_note(f"{proof.other.text}. {CURE}", survey, files)
+    warning = ball_notes(traces)[1]
+    if warning:
+        survey, files = _with_note(warning, survey, files)
     places = set_ups(chain, survey, readings)
     everything = (
         *points, *single, *motions, *(t.source for t in traces), *logs, *([commanded] if commanded else []),
@@ -172,12 +181,16 @@ def _with_nearest(
     path = Nominal(chain, commanded.recording.frame).points(np.asarray(chain.machine.tool, dtype=np.float64))
     measured = aligned[0][1]
     found = find_pairing(path, measured, seed) if np.isfinite(measured).all() else None
-    if found is None or found.ways > 1 or np.array_equal(found.command, pairs[0].command):
+    if found is None:
+        cure = error.cure.replace(ONLY_SERIAL, OTHER_COMMANDS)
+        return InputError(error.where, f"{error.found}{commanded.broken_off}", cure)
+    if found.ways > 1 or np.array_equal(found.command, pairs[0].command):
         return error
     own = found.command >= 0
     off = np.linalg.norm(measured[own] - found.pose.apply(path[found.command[own]]), axis=1)
     what = f"with --match nearest {int(own.sum())} of {len(own)} readings fit to {1e3 * float(np.median(off)):.0f} um"
-    return InputError(error.where, f"{error.found}. What fits instead: {what}", error.cure)
+    cure = FOUND_CURE if ONLY_SERIAL in error.cure else error.cure
+    return InputError(error.where, f"{error.found}{commanded.broken_off}. What fits instead: {what}", cure)
 
 
 def _other_targets(points: Sequence[SourceFile]) -> str:

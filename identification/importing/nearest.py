@@ -21,11 +21,14 @@ if TYPE_CHECKING:
     from scipy.spatial import KDTree
 
 MOST_POINTS = 2500  # nominal points: their pairs are searched
-TRIANGLES = 12  # measured triangles that are looked for
+TRIANGLES = 12  # measured triangles that are looked for, and more while no frame is found:
+MOST_TRIANGLES = 48  # where half the points have no command, one of eight triangles has three
 MOST_TRIES = 4000  # frames that are tried for a triangle; by judgement
 SAMPLE = 120  # measured points that judge a frame at first
 ALIKE = 0.97  # of the points that fit in the best frame: another frame with as many is as good
-ENOUGH = 0.5  # of the measured points must have a command in the best frame
+ENOUGH = 0.5  # of the measured points must have a command in the best frame, or of the commands a point
+FEWEST_COMMANDS = 8  # that have a point, where most points have no command
+FEWEST_JUDGES = 0.25  # of the points that judge a frame at first must have a command
 ORDERED = 0.9  # of the steps from row to row must go on in the commands, where the order decides
 NEXT = 2  # commands: a step that goes on leaves out one at most
 TOLERANCE = 2e-3  # of the points' reach: so far may a point be from its command while a frame is looked for
@@ -68,16 +71,17 @@ def find_pairing(nominal: Array, measured: Array, seed: int = 0) -> Pairing | No
     rng = np.random.default_rng(seed)
     judges = measured[rng.choice(len(measured), min(SAMPLE, len(measured)), replace=False)]
     found: list[tuple[int, Pose]] = []
-    for triple in _triangles(measured, rng):
+    for number, triple in enumerate(_triangles(measured, rng)):
         for pose in _frames(places, measured[triple], tolerance):
             near = np.asarray(tree.query(pose.invert(judges))[0]) < 3 * tolerance
             found.append((int(near.sum()), pose))
-        if found and max(n for n, _ in found) > 0.9 * len(judges):
+        most = max((n for n, _ in found), default=0)
+        if most > 0.9 * len(judges) or (number >= TRIANGLES and most >= FEWEST_JUDGES * len(judges)):
             break
     if not found:
         return None
     best = max(n for n, _ in found)
-    if best < ENOUGH * len(judges):
+    if best < FEWEST_JUDGES * len(judges):
         return None
     kept: list[tuple[int, Pose, Index]] = []
     for count, rough in sorted(found, key=lambda f: -f[0]):
@@ -96,7 +100,8 @@ def find_pairing(nominal: Array, measured: Array, seed: int = 0) -> Pairing | No
     others = sum(s > scores[at] - 0.2 for s in scores) - 1
     ways = 1 if len(paired) == 1 or (scores[at] > ORDERED and others == 0) else len(paired)
     command, pose = paired[at]
-    if (command >= 0).sum() < ENOUGH * len(measured):
+    own = command[command >= 0]
+    if len(own) < ENOUGH * len(measured) and len(np.unique(own)) < max(ENOUGH * len(nominal), FEWEST_COMMANDS):
         return None
     return Pairing(command, pose, ways)
 
@@ -121,7 +126,7 @@ def _triangles(points: Array, rng: np.random.Generator) -> Iterator[Index]:
         if area > 0.5 * reach**2 and min(sides) > 0.5 * reach:
             made += 1
             yield np.asarray(three)
-        if made >= TRIANGLES:
+        if made >= MOST_TRIANGLES:
             return
 
 

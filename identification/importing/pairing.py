@@ -127,7 +127,8 @@ def pair(source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: 
     out = Pairs(
         command[kept], first[kept], last[kept], found.how, tuple(notes), len(command), commands.rows, {}, found.offset
     )
-    return _with_targets(out, source, Nominal(chain, commands.recording.frame.iloc[out.command]), points, chain)
+    own_nominal = Nominal(chain, commands.recording.frame.iloc[out.command])
+    return _with_targets(out, source, own_nominal, points, chain, commands.raw.name if wishes.offsets else "")
 
 
 def row_by_row(path: Array, first: Index, last: Index, name: str) -> Matched:
@@ -214,7 +215,8 @@ def _nearest(source: SourceFile, commands: SourceFile, path: Array, middle: Arra
     found = find_pairing(path, middle, seed)
     if found is None:
         text = (
-            f"{len(middle)} readings that lie in no frame on the {len(path)} commands of {commands.raw.name}; "
+            f"{len(middle)} readings that lie in no frame on the {len(path)} commands of {commands.raw.name}"
+            f"{commands.broken_off}; "
             f"the points reach {_reach(middle):.0f} mm, the commands {_reach(path):.0f} mm"
         )
         again = [note for note in commands.recording.notes if "counted as one pose" in note]
@@ -264,8 +266,18 @@ def _shown(source: SourceFile, rows: Index) -> str:
     return text + (" ..." if len(rows) > LISTED else "")
 
 
-def _with_targets(pairs: Pairs, source: SourceFile, nominal: Nominal, points: Array, chain: Chain) -> Pairs:
-    """Functional points of the targets, where a machine with rotary joints shows them and they are not the tool."""
+def _with_targets(
+    pairs: Pairs, source: SourceFile, nominal: Nominal, points: Array, chain: Chain, programme: str = ""
+) -> Pairs:
+    """Functional points of the targets, where a machine with rotary joints shows them and they are not the tool.
+
+    `programme`: whose offset the user stated: a single target beside the tool may as well be a wrong offset.
+
+    Raises
+    ------
+    InputError
+        It is that, or the tool is another: nothing measured shows which.
+    """
     frame = source.recording.frame
     several = "target" in frame and frame["target"].nunique() > 1
     if "tool_x" in frame or not (several or turns_tool(chain.machine)) or not np.isfinite(points[pairs.first]).all():
@@ -283,8 +295,25 @@ def _with_targets(pairs: Pairs, source: SourceFile, nominal: Nominal, points: Ar
     reached = pose.apply(nominal.points(tools[label]))
     after = float(np.median(np.linalg.norm(measured - reached, axis=1)))
     moved = float(np.linalg.norm(tools - tool, axis=1).max())
-    if not after * TARGET_GAIN < before or (not several and moved < LOCATION_ERROR_MM):
+    if not after * TARGET_GAIN < before:
         return pairs
+    if not several and moved < LOCATION_ERROR_MM:
+        apart = ", ".join(f"{v:.2f}" for v in tools[0] - tool)
+        text = (
+            f"the points lie {before:.3g} mm off, with the tool displaced by {apart} mm {after:.3g} mm: an offset, the"
+        )
+        return replace(
+            pairs, notes=(*pairs.notes, f"{text} tool, or errors of location of axes, as which a fit takes it")
+        )
+    if not several and programme:
+        at, apart = (", ".join(f"{v:.2f}" for v in p) for p in (tools[0], tools[0] - tool))
+        found = (
+            f"points {before:.3g} mm off with its offset and the tool of the machine; with the tool displaced by "
+            f"{apart} mm they fit to {after:.3g} mm. The offset is wrong by so much, or the target was not the tool"
+        )
+        raise InputError(
+            programme, found, f"Correct --offset; or write where it was as tool: in machine.yaml (about [{at}])"
+        )
     places = {str(n): tuple(round(float(v), 4) for v in t) for n, t in zip(names, tools, strict=True)}
     words = "; ".join(f"{n}: {', '.join(f'{v:.2f}' for v in p)}" for n, p in places.items())
     what = f"{len(names)} targets" if several else "the target"

@@ -1,7 +1,8 @@
-"""Commands that were not measured, in a list of single readings that is a few shorter than the list of commands.
+"""Commands that were not measured, in a list of single readings that is shorter than the list of commands.
 
 A stretch of readings without a gap places the set-up; from there all commands have a nominal reading. The readings go
-along them in order, passing over as many commands as there are too many.
+along them in order, passing over as many commands as there are too many. Of a list that is much shorter, as one that
+was broken off, the readings are those of the first commands or of the last, without a gap.
 """
 
 from __future__ import annotations
@@ -30,8 +31,10 @@ def with_gaps(chain: Chain, commands: SourceFile, observation: Observation, read
     """
     n, missing = len(readings), commands.rows - len(readings)
     size = max(STRETCH, EACH * len(observation.free))
-    if observation.poses > 1 or not 0 < missing <= FEW * commands.rows or n < size:
+    if observation.poses > 1 or missing <= 0 or n < size:
         return None
+    if missing > FEW * commands.rows:
+        return _cut_off(chain, commands, observation, readings)
     for first, skipped in _stretches(n, size, missing):
         part = Candidate(np.arange(first, first + size) + skipped, "")
         own = readings[first : first + size]
@@ -45,6 +48,17 @@ def with_gaps(chain: Chain, commands: SourceFile, observation: Observation, read
         if not whole.why and whole.size < LARGE * whole.reach:
             return way
     return None
+
+
+def _cut_off(chain: Chain, commands: SourceFile, observation: Observation, readings: Array) -> Candidate | None:
+    """The first commands, or the last, of readings that were broken off or begun late; None where not one fits."""
+    n, fits = len(readings), []
+    for first, words in ((0, "the first"), (commands.rows - n, "the last")):
+        way = Candidate(np.arange(first, first + n), f"order, {words} {n} commands")
+        found = misfit(chain, commands, observation, way, readings)
+        if not found.why and found.size < LARGE * found.reach:
+            fits.append(way)
+    return fits[0] if len(fits) == 1 else None
 
 
 def _stretches(n: int, size: int, missing: int) -> Iterator[tuple[int, int]]:

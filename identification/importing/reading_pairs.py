@@ -178,7 +178,7 @@ def _part(
         passing = with_gaps(chain, commands, observation, means)
         candidates = [] if passing is None else [passing]
     if not candidates:
-        raise InputError(where, *_counts(len(first), expected, observation, dwells is not None))
+        raise InputError(where, *_counts(len(first), source, commands, observation, dwells is not None))
     found_way = chosen(chain, commands, observation, candidates, means[kept], where)
     best = found_way.way
     a, b = rows[first[kept]][best.skip :], rows[last[kept]][best.skip :]
@@ -190,15 +190,21 @@ def _fits(count: int, commands: int, poses: int) -> bool:
     return any(True for _ in _by_order(count, commands, poses))
 
 
-def _counts(count: int, commands: int, observation: Observation, dwells: bool) -> tuple[str, str]:
+def _counts(
+    count: int, source: SourceFile, commands: SourceFile, observation: Observation, dwells: bool
+) -> tuple[str, str]:
     """What does not agree where the numbers of readings and commands allow no order."""
-    found = f"{count} {'dwells' if dwells else 'readings'} and {commands} commands"
+    found = f"{count} {'dwells' if dwells else 'readings'} and {commands.rows} commands{commands.broken_off}"
     if observation.poses > 1:
         found += (
             "; between two poses there are as many readings as commands, one fewer, half as many, or so many passes"
         )
-    cure = "Give the commands that were measured, or join by name or time (--match), which finds what is missing"
-    return found, cure
+    found += "; they fit as the first commands or as the last no better" if count < commands.rows else ""
+    both = [c for c in ("point", "time") if c in source.recording.frame and c in commands.recording.frame]
+    options = {"point": "name", "time": "time"}
+    ways = " or ".join(f"--match {options[c]}" for c in both)
+    cure = "Give the commands that were measured, a row a reading (as a table or plan)"
+    return found, f"{cure}, or join by {ways}" if ways else cure
 
 
 def _named_or_timed(

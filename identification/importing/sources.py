@@ -18,6 +18,7 @@ from errormodel.observations.base import Observation
 from errormodel.raw_formats.base import RawFile, Recording, format_of, open_raw, raw_formats
 from errormodel.raw_formats.cells import kind_of
 from errormodel.raw_formats.commanded_circle import CommandedCircle
+from errormodel.raw_formats.programme_poses import NO_END
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.surveys.columns import MEASURED, quantity_of
 from errormodel.surveys.file import RawEntry
@@ -101,6 +102,12 @@ class SourceFile:
             own = table.units[table.names.index(name)] or table.length_unit
         own = unit_word(own or self.entry.units.get("length", "mm"))
         return factor(own, "length") if is_unit(own, "length") else 1.0
+
+    @property
+    def broken_off(self) -> str:
+        """That a programme has no end, in brackets behind its name or number; empty where it has one."""
+        note = next((n for n in self.recording.notes if n.startswith(NO_END)), "")
+        return f" ({self.raw.path.name}: {note})" if note else ""
 
     def column(self, name: str) -> np.ndarray:
         return self.recording.frame[name].to_numpy(dtype=np.float64)

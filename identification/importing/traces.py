@@ -11,9 +11,14 @@ import numpy as np
 
 from errormodel.exceptions import InputError
 from errormodel.observations import registry
+from errormodel.raw_formats.commanded_circle import senses_of
 from identification.importing.sources import SourceFile
+from identification.importing.trace_proof import Circle, common_ball, refuse_exchanged, refuse_shifted, row_places
 
 FOREIGN = 0.02  # of the radius: a ball further off its centre, or a deviation as large, is no test; by judgement
+
+
+COMPLETE = 350.0  # degrees: an export may leave out the ends of a turn
 
 
 @dataclass(frozen=True)
@@ -27,6 +32,9 @@ class Trace:
     plane, radius : of the commanded circle, mm.
     both : whether it was run both ways.
     off_um : how far the ball was from the centre; span_um : peak to peak of the radial deviation from the ball.
+    ball : place of the ball along the two axes of the plane, mm from the centre.
+    centre : commanded position of every joint there.
+    says : what else was seen of its readings.
     """
 
     source: SourceFile
@@ -36,6 +44,9 @@ class Trace:
     both: bool
     off_um: float
     span_um: float
+    ball: dict[str, float]
+    centre: dict[str, float]
+    says: tuple[str, ...] = ()
 
     @property
     def entry(self) -> dict[str, Any]:
@@ -51,6 +62,7 @@ class Trace:
         return (
             f"{self.source.raw.path.name}: observation {self.label}, a circle of {self.radius:g} mm in {self.plane}, "
             f"{ways}; the ball {self.off_um:.3g} um off its centre, around it {self.span_um:.3g} um peak to peak"
+            f"{''.join(f'; {s}' for s in self.says)}"
         )
 
 
@@ -92,12 +104,46 @@ def _trace(source: SourceFile, label: str, plane: str) -> Trace:
         raise InputError(source.raw.name, f"deviations that are none of a circle of {radius:g} mm: {size}", cure)
     turning = np.sign(at[:-1, 0] * at[1:, 1] - at[1:, 0] * at[:-1, 1])
     both = bool((turning > 0).any() and (turning < 0).any())
-    return Trace(source, label, plane, radius, both, 1e3 * off, 1e3 * float(np.ptp(left)))
+    rows = np.flatnonzero(seen)
+    angle = np.unwrap(np.arctan2(at[rows, 1], at[rows, 0]))
+    ball = dict(zip(plane, (-found[:2]).tolist(), strict=True))
+    run = Circle(angle, senses_of(angle), length[rows], row_places(rows, source.recording.lines))
+    says = (*_singles(refuse_exchanged(run, source.raw.name)), *_parts(run), *[refuse_shifted(run, source.raw.name)])
+    return Trace(
+        source, label, plane, radius, both, 1e3 * off, 1e3 * float(np.ptp(left)), ball, dict(circle.centre),
+        tuple(s for s in says if s),
+    )  # fmt: skip
+
+
+def _singles(count: int) -> Iterator[str]:
+    """Readings off their neighbours, in words."""
+    if count:
+        yield f"{count} single reading{'s' * (count > 1)} far off {'their' if count > 1 else 'its'} neighbours"
+
+
+def _parts(run: Circle) -> Iterator[str]:
+    """What of the circle was not measured, in words."""
+    for sense, way in ((1.0, "counter-clockwise"), (-1.0, "clockwise")):
+        reach = run.reach(sense)
+        if 0 < reach < COMPLETE:
+            yield f"{way} {reach:.0f} of 360 degrees only: an arc, from which ball, scale and squareness part badly"
+        for size, at in run.gaps(sense):
+            yield f"{way} a gap of {size:.3g} degrees at {at:.4g}"
+
+
+def ball_notes(traces: Sequence[Trace]) -> tuple[str, str]:
+    """What circles about one commanded centre, in different planes, say of their ball: a sentence, and a warning."""
+    if len({t.plane for t in traces}) < len(traces) or any(t.centre != traces[0].centre for t in traces):
+        return "", ""
+    return common_ball({t.label: t.ball for t in traces})
 
 
 def trace_lines(traces: Sequence[Trace]) -> Iterator[str]:
     """What is said of all of them."""
     yield from (t.line for t in traces)
+    says, warning = ball_notes(traces)
+    if says and not warning:
+        yield says
     if traces:
         yield "where the angle starts and which way it counts, a circle cannot prove: see circle: in survey.yaml"
     bare = [t for t in traces if not t.source.recording.calibrated]

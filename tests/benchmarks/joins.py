@@ -3,6 +3,11 @@
 ``python -m tests.benchmarks.joins [trials] [seed]`` draws a machine of the library, a plan (random, a grid, lines along
 the axes), its number of rows, errors of the machine, noise and the place of the instrument; writes a point list and a
 plan; and imports them as they are and with one mistake. It prints, for each mistake, how many of how many survived.
+
+``python -m tests.benchmarks.joins circles [trials] [seed]`` does so with circles of a ballbar: errors of the machine,
+play, spikes where axes reverse, a ball that drifts, one ball or three. What must be said and not refused (a row that is
+missing, an arc) counts as survived where nothing is said. Mistakes are drawn above ten times the noise, since what is
+smaller does not show.
 """
 
 from __future__ import annotations
@@ -11,6 +16,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +26,7 @@ from errormodel import InputError, read_machine, simulate
 from errormodel.chain import Chain
 from errormodel.machine import Machine
 from identification import import_survey
+from tests.helpers.circles import PLANES, circles, middle, trace
 from tests.helpers.importing import spatialanalyzer
 from tests.helpers.lengths import Array, truth
 
@@ -116,18 +123,109 @@ def trial(rng: np.random.Generator, folder: Path) -> tuple[str, dict[str, str]]:
     return f"{machine.name}, {kind}, {rows} rows, {1e3 * noise:g} um, {scale:g} times", out
 
 
+@dataclass(frozen=True)
+class Ballbar:
+    """Circles of a ballbar, and what is known of them."""
+
+    table: pd.DataFrame
+    noise: float
+    named: bool  # whether the file has a column of directions
+
+    def plane(self, mistake: str, rng: np.random.Generator) -> pd.DataFrame:
+        """Readings in XY with a mistake."""
+        part = self.table[self.table["plane"] == "XY"].reset_index(drop=True).copy()
+        n, y = len(part), part["length"].to_numpy().copy()
+        angle = np.radians(part["angle"])
+        large = 10 * self.noise
+        if mistake == "sense":
+            part["angle"] = (360 - part["angle"]) % 360
+        elif mistake == "sense of one direction":
+            part.loc[n // 2 :, "angle"] = (360 - part.loc[n // 2 :, "angle"]) % 360
+        elif mistake == "two readings exchanged":
+            pairs = [(i, j) for i in range(4, n - 4) for j in range(i + 9, n - 4, 7) if abs(y[i] - y[j]) > 2 * large]
+            i, j = pairs[rng.integers(len(pairs))]
+            y[[i, j]] = y[[j, i]]
+        elif mistake == "rows shifted":
+            wave = 2 * float(np.hypot(np.mean(y * np.cos(angle)), np.mean(y * np.sin(angle))))
+            sizes = [k for k in range(1, n // 5) if 2 * wave * np.sin(2 * np.pi * k / (n / 2)) > max(large, 0.012)]
+            y = np.roll(y, int(rng.choice([-1, 1])) * int(rng.choice(sizes)))
+        elif mistake == "two balls":
+            place = rng.uniform(0, 2 * np.pi)
+            y[n // 2 :] += max(large, 0.03) * np.cos(angle[n // 2 :] - place)
+        elif mistake == "a row missing":
+            part = part.drop(index=int(rng.integers(5, n // 2 - 5)))
+            y = y[part.index]
+        elif mistake == "an arc":
+            part, y = part.iloc[: int(0.36 * n)], y[: int(0.36 * n)]
+        elif mistake == "mm for um":
+            y = 1e3 * y
+        return part.assign(length=y)
+
+
+CIRCLE_SAID = {"a row missing": " a gap of ", "an arc": "of 360 degrees only"}
+CIRCLE_WRONG = (
+    "right", "sense", "sense of one direction", "two readings exchanged", "rows shifted", "two balls", "mm for um",
+    *CIRCLE_SAID,
+)  # fmt: skip
+OF_COLUMN = ("sense", "sense of one direction")  # which nothing but the file's own column shows
+
+
+def ballbar(machine: Machine, rng: np.random.Generator) -> Ballbar:
+    """Errors of a machine, play, spikes where an axis reverses, drift of the ball, and one ball or three."""
+    noise = float(rng.choice([2e-4, 5e-4, 1e-3]))
+    values = {k: float(rng.choice(SCALES)) * v for k, v in truth(machine, rng).items()}
+    play = {a: float(rng.choice([0.0, 0.002, 0.008])) for a in "XYZ"}
+    each = int(rng.choice([120, 180, 360, 720]))
+    ball = rng.normal(0, 0.03, 3) if rng.integers(2) else None
+    table = circles(machine, values, rng, play, noise, each, ball)
+    spike, drift = float(rng.choice([0.0, 0.003, 0.01])), float(rng.choice([0.0, 0.001, 0.002]))
+    turn, time = np.radians(table["angle"]), np.tile(np.linspace(-1, 1, 2 * each), 3)
+    table["length"] += spike * np.exp(-np.degrees(np.abs(np.angle(np.exp(4j * turn)) / 4)) / 2.0)
+    table["length"] += drift * time * np.cos(turn - rng.uniform(0, 2 * np.pi))
+    return Ballbar(table, noise, bool(rng.integers(2)))
+
+
+def circle_trial(rng: np.random.Generator, folder: Path) -> tuple[str, dict[str, str]]:
+    """As `trial`, of circles."""
+    machine = read_machine("vertical_three_axis")
+    made = ballbar(machine, rng)
+    centre = middle(machine)
+    for plane, part in made.table.groupby("plane"):
+        (folder / f"{plane}.csv").write_text(trace(part, str(plane)))
+    out = {}
+    for what in CIRCLE_WRONG:
+        part = made.plane(what, rng)
+        text = trace(part, "XY")
+        if made.named or what in OF_COLUMN:
+            sense = np.where(np.arange(len(part)) < len(made.table) // 6, "CCW", "CW")
+            head, _, rows = text.partition("Deviation [um]\n")
+            lines = [f"{row},{word}" for row, word in zip(rows.splitlines(), sense, strict=True)]
+            text = f"{head}Deviation [um],Direction\n" + "\n".join(lines) + "\n"
+        (folder / "XY.csv").write_text(text)
+        try:
+            found = import_survey([folder / f"{p}.csv" for p in PLANES], machine, centre=centre)
+            told = " ".join(t.line for t in found.imported.traces)
+            out[what] = told if what in CIRCLE_SAID and CIRCLE_SAID[what] in told else ""
+        except InputError as error:
+            out[what] = f"{error.found}. {error.cure}"
+    return f"{len(made.table) // 6} readings a turn, noise {1e3 * made.noise:g} um", out
+
+
 def main() -> None:
-    trials, seed = (int(sys.argv[k]) if len(sys.argv) > k else own for k, own in ((1, 100), (2, 7)))
+    words = sys.argv[1:]
+    of_circles = words[:1] == ["circles"]
+    numbers = [int(w) for w in words[of_circles:]]
+    trials, seed = (numbers[k] if len(numbers) > k else own for k, own in ((0, 100), (1, 7)))
     survived: Counter[str] = Counter()
     for number in range(trials):
         rng = np.random.default_rng([seed, number])
         with tempfile.TemporaryDirectory() as folder:
-            words, out = trial(rng, Path(folder))
+            shown, out = (circle_trial if of_circles else trial)(rng, Path(folder))
         for what, message in out.items():
             survived[what] += not message
             if (what == "right") == bool(message):
-                print(f"{number}: {words}: {what}: {message or 'survived'}", flush=True)
-    for what in WRONG:
+                print(f"{number}: {shown}: {what}: {message or 'survived'}", flush=True)
+    for what in CIRCLE_WRONG if of_circles else WRONG:
         print(f"{what}: {survived[what]} of {trials} went through")
 
 

@@ -118,3 +118,73 @@ def test_a_column_of_directions_is_that_of_the_joint_that_moves(tmp_path: Path) 
     several = import_survey(tmp_path / "two.csv", MILL)  # of two joints no one knows which it is of
     assert not [c for c in several.survey.table if str(c).startswith("dir_")]
     assert any("direction" in note for note in several.notes)
+
+
+def directed(text: str, words: list[str]) -> str:
+    """The trace with a column of directions."""
+    head, _, rows = text.partition("Deviation [um]\n")
+    lines = "".join(f"{row},{word}\n" for row, word in zip(rows.splitlines(), words, strict=True))
+    return f"{head}Deviation [um],Richtung\n{lines}"
+
+
+def test_a_sense_that_the_file_itself_states_otherwise_is_refused(folder: Path) -> None:
+    text, words = (folder / "XY.csv").read_text(), ["CCW"] * 180 + ["CW"] * 180
+    (folder / "t.csv").write_text(directed(text, words))
+    right = import_survey(folder / "t.csv", MILL, centre=CENTRE).survey.table
+    (folder / "t.csv").write_text(directed(text, words[::-1]))
+    with pytest.raises(InputError, match="CW where the angle grows from X to Y"):
+        import_survey(folder / "t.csv", MILL, centre=CENTRE)
+    # what the message says: angles that count clockwise from X, exported as they are
+    mirrored = [f"{(360 - float(a)) % 360:.4f},{d}" for a, d in (r.split(",") for r in text.splitlines()[4:])]
+    (folder / "t.csv").write_text(directed("\n".join([*text.splitlines()[:4], *mirrored]), words))
+    own = import_survey(folder / "t.csv", MILL, centre=CENTRE, plane="YX", start=90).survey.table
+    np.testing.assert_allclose(own[["X", "Y"]], right[["X", "Y"]], atol=1e-3)
+    (folder / "t.csv").write_text(directed(text, words[40:] + words[:40]))
+    with pytest.raises(InputError, match=r"line 145, column Richtung: CW where the angle grows, unlike"):
+        import_survey(folder / "t.csv", MILL, centre=CENTRE)
+
+
+def test_readings_in_other_rows_and_two_balls_are_refused(folder: Path) -> None:
+    lines = (folder / "XY.csv").read_text().splitlines()
+    rows = [r.split(",") for r in lines[4:]]
+
+    def refused(deviations: list[str], says: str) -> None:
+        own = [f"{a},{d}" for (a, _), d in zip(rows, deviations, strict=True)]
+        (folder / "t.csv").write_text("\n".join([*lines[:4], *own]) + "\n")
+        with pytest.raises(InputError, match=says):
+            import_survey(folder / "t.csv", MILL, centre=CENTRE)
+
+    plain = [d for _, d in rows]
+    low, high = (plain.index(pick(plain, key=float)) for pick in (min, max))
+    other = plain.copy()
+    other[low], other[high] = plain[high], plain[low]
+    first, second = sorted((low + 5, high + 5))
+    refused(other, f"readings of lines {first} and {second} are exchanged")
+    refused(plain[25:] + plain[:25], "stand 25 rows early beside their angles")
+    moved = [float(d) + 40 * np.cos(np.radians(float(a))) * (k >= 180) for k, (a, d) in enumerate(rows)]
+    refused([f"{d:.4f}" for d in moved], "the ball lies 39.6 um apart in the two senses: it was set anew")
+
+
+def test_arcs_gaps_and_one_ball_are_said(folder: Path) -> None:
+    lines = (folder / "XY.csv").read_text().splitlines()
+    (folder / "arc.csv").write_text("\n".join([*lines[:50], *lines[52:134]]) + "\n")
+    (told,) = trace_lines_of(folder / "arc.csv")
+    assert "counter-clockwise 258 of 360 degrees only: an arc" in told
+    assert "a gap of 6 degrees at 90" in told
+
+
+def trace_lines_of(path: Path) -> list[str]:
+    return [t.line for t in import_survey(path, MILL, centre=CENTRE).imported.traces]
+
+
+def test_an_angle_that_counts_otherwise_shows_by_the_ball_of_three_circles(tmp_path: Path) -> None:
+    table = circles(MACHINE, {}, np.random.default_rng(1), noise=3e-4, ball=np.array([0.03, -0.02, 0.01]))
+    for plane, part in table.groupby("plane"):
+        (tmp_path / f"{plane}.csv").write_text(trace(part, str(plane)))
+    files = [tmp_path / f"{p}.csv" for p in ("XY", "YZ", "ZX")]
+    assert "the circles show one ball, within 0." in import_survey(files, MILL, centre=CENTRE).summary()
+    part = table[table["plane"] == "XY"]
+    files[0].write_text(trace(part.assign(angle=(part["angle"] + 90) % 360), "XY"))
+    result = import_survey(files, MILL, centre=CENTRE)
+    (warning,) = [n for n in result.notes if "balls" in n]
+    assert "that of XY as with --start 270" in warning

@@ -159,7 +159,7 @@ def test_deviations_of_a_ballbar_at_standing_poses_and_their_unit(tmp_path: Path
         ("exchanged", "the lengths of rows 11 and 31 are exchanged"),
         ("inches", "in inch they fit.*--units length=inch"),
         ("sign", "with the other sign they fit"),
-        ("many fewer", f"{ROWS - 8} readings and {ROWS} commands"),
+        ("every second", f"{ROWS // 2} readings and {ROWS} commands"),
         ("another plan", "fit a station nowhere|lie .* off their commands"),
     ],
 )
@@ -170,12 +170,24 @@ def test_a_wrong_join_of_lengths_is_refused_with_what_fits(
     if change == "exchanged":
         own[[10, 30]] = own[[30, 10]]
     values = {
-        "shifted": np.roll(own, 1), "inches": own / 25.4, "sign": -own, "many fewer": own[8:],
+        "shifted": np.roll(own, 1), "inches": own / 25.4, "sign": -own, "every second": own[::2],
         "another plan": np.random.default_rng(3).permutation(own),
     }.get(change, own)  # fmt: skip
     file = listed(tmp_path, "A.txt", values, "No;Length")
     with pytest.raises(InputError, match=says):
         import_survey(file, MILL, commands=plan, observation=STATION)
+
+
+@pytest.mark.parametrize(("kept", "says"), [(slice(0, 25), "the first 25"), (slice(8, None), f"the last {ROWS - 8}")])
+def test_a_list_that_was_broken_off_has_the_first_commands_or_the_last(
+    kept: slice, says: str, lengths: dict[str, np.ndarray], plan: Path, tmp_path: Path
+) -> None:
+    file = listed(tmp_path, "A.txt", lengths["A"][kept], "No;Length")
+    result = import_survey(file, MILL, commands=plan, observation=STATION)
+    assert f"by order, {says} commands" in result.summary()
+    every = np.arange(ROWS)[kept]
+    (pairs,) = [p for p in result.imported.pairs if p is not None]
+    np.testing.assert_array_equal(pairs.command, every)
 
 
 @pytest.mark.parametrize("gone", [[0], [17], [3, 30]])

@@ -80,3 +80,31 @@ def test_errors_of_location_are_not_laid_to_the_target(tmp_path: Path, aside: fl
     result = import_survey(tmp_path / "measured.csv", "trunnion_five_axis", commands=tmp_path / "plan.csv")
     result.save(tmp_path / "s")
     assert ("targets" in (tmp_path / "s/survey.yaml").read_text()) == placed
+
+
+def test_an_offset_of_a_programme_that_the_target_would_hide_is_refused(tmp_path: Path) -> None:
+    """Where joints turn, a target of its own takes up a wrong work offset: nothing measured shows which it is."""
+    machine = read_machine("trunnion_five_axis")
+    commands = random_points(machine, 40, 3)
+    told = outward(commands, machine)
+    blocks = " ".join
+    lines = [
+        f"G1 {blocks(f'{j.name}{told[j.name].iloc[k]:.3f}' for j in machine.joints)} F2000\nG4 P3" for k in range(40)
+    ]
+    (tmp_path / "a.nc").write_text("G21 G90 G94 G54\n" + "\n".join(lines) + "\nM30\n")
+    rounded = commands.assign(**{j.name: told[j.name].round(3) for j in machine.joints})
+    for j in machine.joints:
+        if j.type == "rotary":
+            rounded[j.name] = np.radians(rounded[j.name])
+    measured = measured_at(machine, rounded, Truth({}), NOISE)[["mx", "my", "mz"]].to_numpy()
+    named(measured).to_csv(tmp_path / "measured.csv", index=False)
+
+    def imported(z: float) -> str:
+        offset = f"G54=X0,Y0,Z{z:g},{','.join(f'{j.name}0' for j in machine.joints if j.type == 'rotary')}"
+        files = {"commands": tmp_path / "a.nc", "offsets": [offset]}
+        return import_survey(tmp_path / "measured.csv", machine, **files).summary()  # type: ignore[arg-type]
+
+    assert "displaced" not in imported(0)
+    assert "an offset, the tool, or errors of location" in imported(0.4)
+    with pytest.raises(InputError, match="The offset is wrong by so much, or the target was not the tool"):
+        imported(5)

@@ -8,6 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from errormodel.exceptions import InputError
+from errormodel.gcode.programme import Source
 from errormodel.gcode.reading import Reading
 from tests.helpers.gcode_trial import READING, SETUP, TARGET, smooth, written
 
@@ -320,3 +321,18 @@ def test_text_of_the_same_letters_is_refused_or_checked(parts: list[str]) -> Non
         return
     assert "executed and compared" in done.notes[0]
     assert np.isfinite(G.positions("a.nc", done.text, SETUP, Reading())[0]).all()
+
+
+def test_a_programmes_number_and_whole_numbers_are_read_as_the_user_says() -> None:
+    """O and a number at the head of any mill's programme; whole numbers in mm, or in increments of G21 and G20."""
+    tape = "%\nO1000\nN10 G21 G90\nG0 X10 Y100. Z-60000\nG4 P2000\nG1 X20500 F100\nG20\nG1 X10000\nM30\n%\n"
+    assert "--dialect fanuc-calculator" in refusal(tape)
+    steps = Source.of("a.nc", tape, Reading.of("fanuc-increments", (), ("start=X0,Y0,Z0",))).steps(SETUP)
+    ends = [s.path.end for s in steps if s.path is not None]
+    assert ends[0][:3].tolist() == [0.01, 100.0, -60.0]
+    assert ends[1][0] == 20.5
+    assert ends[2][0] == pytest.approx(25.4)
+    calculator = tape.replace("60000", "60").replace("20500", "20").replace("10000", "1")
+    for dialect in ("fanuc-calculator", "iso"):
+        own = Source.of("a.nc", calculator, Reading.of(dialect, (), ("start=X0,Y0,Z0",))).steps(SETUP)
+        assert next(s.path.end for s in own if s.path is not None)[:3].tolist() == [10.0, 100.0, -60.0]

@@ -83,7 +83,24 @@ def unseen(scene: Scene, scores: Scores, found: Collection[Effect], log: Decisio
         for reason, places in reasons.items():
             at = "" if len(places) == len(possible) else f"at {', '.join(places)}: "
             out.append(Untestable(name, at + reason, kind.separate))
+    if scene.readings:
+        out += _hidden_forms(scores, found)
     return out
+
+
+def _hidden_forms(scores: Scores, found: Collection[Effect]) -> Iterator[Untestable]:
+    """Forms of motions beyond the model that lengths and angles cannot tell from it: they bias what is fitted."""
+    hidden: dict[str, dict[str, str]] = {}
+    for effect, part in zip(scores.candidates.effects, scores.absorbed, strict=True):
+        motion, _, degree = effect.motion_form.partition(" of ")
+        if motion and part > ABSORBED and effect not in found:
+            hidden.setdefault(effect.effect, {}).setdefault(motion, degree)  # the lowest degree comes first
+    for name, forms in hidden.items():
+        words = "; ".join(
+            f"of {d}: {', '.join(sorted(m for m in forms if forms[m] == d))}" for d in sorted({*forms.values()})
+        )
+        reason = f"{words}: the geometry absorbs all of it, so that fitted parameters may hold it"
+        yield Untestable(name, reason, registry()[name].separate)
 
 
 def variant_of(effect: Effect) -> Variant:
