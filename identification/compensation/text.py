@@ -50,6 +50,9 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
         for figures in stated.figures:
             yield from figure_lines(figures, setup, isinstance(controller, Controller) and controller.follows_tool)
         yield from stated.notes
+    for line in result.turned:
+        if not line.startswith("FIRST"):
+            yield from wrap(line, TEXT_WIDTH)
     if result.thermal:
         usual, files = result.usual, ", ".join(f for f in result.thermal.files if "/" not in f)
         yield ""

@@ -320,3 +320,10 @@ def test_text_of_the_same_letters_is_refused_or_checked(parts: list[str]) -> Non
         return
     assert "executed and compared" in done.notes[0]
     assert np.isfinite(G.positions("a.nc", done.text, SETUP, Reading())[0]).all()
+
+
+def test_all_offsets_that_are_missing_are_said_at_once() -> None:
+    told = refusal("G90 G0 G54 X10 Y10\nG43 H1 Z-55\nG1 X20\nG0 G55 X0 Y0\nG43 H7 Z-50\nM30\n")
+    assert "the work offset G54 is not known" in told
+    for name in ("G54=X..,Y..,Z..", "G55=X..,Y..,Z..", "H1=Z..", "H7=Z.."):
+        assert told.count(f"--offset {name}") == 1
