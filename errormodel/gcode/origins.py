@@ -22,7 +22,7 @@ LENGTH_AXIS = "Z"  # along which G43 takes a tool's length (NIST IR 6556, sectio
 
 @dataclass(frozen=True)
 class Origins:
-    """Offsets stated by the user; `alone`: the programme names one work offset at most; `missing`: named, not stated."""
+    """Offsets stated by the user; `alone`: the programme names one work offset at most; `missing`: not stated."""
 
     setup: Setup
     reading: Reading

@@ -22,7 +22,7 @@ from errormodel.controllers.tables import LONGER, Table, Tables, Term
 from errormodel.exceptions import InputError
 from errormodel.gcode.reading import Reading
 from errormodel.machine import Vector
-from identification.compensation.advice import mechanical_advice, scale_advice
+from identification.compensation.advice import mechanical_advice, scale_advice, with_scales
 from identification.compensation.assessment import Correct, assess, emulated, left, nothing
 from identification.compensation.conditions import (
     check_errors,
@@ -35,7 +35,7 @@ from identification.compensation.designs import Designs
 from identification.compensation.field import Field
 from identification.compensation.findings import changed_columns, findings_of, outside
 from identification.compensation.model_uncertainty import against_model, following, judged
-from identification.compensation.notes import still_lines, survey_notes
+from identification.compensation.notes import inch_lines, still_lines, survey_notes
 from identification.compensation.options import check_invert, check_most, source_of
 from identification.compensation.read_motions import known_at_tip, motion_rows
 from identification.compensation.reduction import aligned, leftover, reduce
@@ -176,6 +176,11 @@ def compensate(
         rotary = replace(rotary, tables_alone_um=bare)
     found = findings_of(folder)
     columns, unconfirmed = changed_columns(found, field)
+    scales = scale_advice(volume, setup, controller) if read is None else []
+    scaled_um = None
+    if scales and isinstance(controller, Controller) and not controller.general:
+        of = emulated(controller, usual.tables, setup, volume)
+        scaled_um = left(volume, with_scales(of, scales, volume), seed).rms_um
     advice = mechanical_advice(volume, usual.figures[0].before.rms_um)
     return Compensation(
         controller,
@@ -191,8 +196,9 @@ def compensate(
         tuple(columns),
         unconfirmed,
         tuple(outside(found, field, loose)),
-        tuple(still_lines(setup, read)),
-        tuple(scale_advice(volume, setup, controller)) if read is None else (),
+        (*inch_lines(bool(fit.data.get("inches")) and isinstance(controller, Controller)), *still_lines(setup, read)),
+        tuple(scales),
+        scaled_um,
     )
 
 

@@ -103,6 +103,7 @@ class Compensation:
     outside: tuple[Outside, ...] = ()
     still: tuple[str, ...] = ()
     scales: tuple[Scale, ...] = ()
+    scaled_um: float | None = None
 
     @property
     def usual(self) -> Stated:
@@ -201,6 +202,7 @@ class Compensation:
             },
             "probe": None if self.probing is None else asdict(self.probing) | {"files": list(self.probing.files)},
             "scales": [asdict(a) for a in self.scales],
+            "scaled_um": self.scaled_um,
             "advice": [asdict(a) for a in self.advice],
             "first": self.first,
             "not_in_tables": [asdict(o) for o in self.outside],
