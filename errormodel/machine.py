@@ -78,6 +78,7 @@ class Machine:
     effects: tuple[EffectSpec, ...] = ()
     source: Path | None = None
     notes: str = ""  # origin of the dimensions
+    inches: bool = field(default=False, compare=False)  # whether its file counted lengths in inches
     doubts: tuple[str, ...] = field(default=(), compare=False)  # warnings about implausible entries of its file
 
     @property

@@ -41,6 +41,7 @@ from errormodel.yamlfile import (
 )
 
 MACHINE_FILE = "machine.yaml"
+INCH = 25.4  # mm
 # Names of survey columns; a joint of such a name would be indistinguishable from them.
 _COLUMN_WORDS = """
     mx my mz mrx mry mrz tool_x tool_y tool_z run time feed load sigma sigma_x sigma_y sigma_z
@@ -185,6 +186,7 @@ def resolve(document: Document) -> Machine:
         effects=tuple(read_effect(document, ("effects", i), elements) for i in range(len(file.effects or ()))),
         source=path,
         notes="\n".join(text for text in (file.notes, file.source) if text),
+        inches=abs(length - INCH) < 1e-9,
     )
 
 

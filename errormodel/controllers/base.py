@@ -139,6 +139,7 @@ class Controller(Target):
     backlash_parameter : name of the control's parameter, with the axis as ``{axis}`` or ``{number}``; empty: none.
     first_number : number of the first axis, if files name axes by numbers; `number_form`: how they are then written.
     most_tables : number of tables that the control holds; None: no bound.
+    counted : whether controls of this kind hold different numbers of tables, so that the user may bound it.
     """
 
     comment: ClassVar[Comment | None] = None
@@ -153,6 +154,7 @@ class Controller(Target):
     describes_tilt: ClassVar[bool] = True  # whether its kinematic description takes a tilted rotary axis; else tables
     lettered: ClassVar[bool] = True  # whether files need the controller's own letters
     most_tables: ClassVar[int | None] = None
+    counted: ClassVar[bool] = False
     bidirectional: ClassVar[bool] = False  # whether there are tables for each direction of travel
     linear_only: ClassVar[bool] = True  # whether linear axes only are corrected
     follows_tool: ClassVar[bool] = False  # whether corrections follow the length of the tool
@@ -207,6 +209,14 @@ class Controller(Target):
             "where the kinematic description of this control takes these values is not public, or not known here: "
             "give them to whoever maintains it"
         ]
+
+    def used(self, terms: Sequence[Term]) -> int:
+        """Number of the control's tables that terms need, where controls of one kind hold different numbers of them."""
+        return sum(bool(t.inputs) for t in terms)
+
+    def heed(self, tables: Tables, setup: Setup) -> list[str]:
+        """What comes first about these tables, such as that there are more than most controls hold."""
+        return []
 
     def own_check(self, setup: Setup, tables: Tables) -> dict[str, str] | None:
         """Files of a check other than that with an indicator, by name; None: the usual check."""

@@ -27,6 +27,9 @@ class CsvGrid(Controller):
     test: ClassVar[str] = (
         "look up a node and a place between nodes by hand, and compare with what your program adds there"
     )
+    scale_setting: ClassVar[str] = (
+        "steps a mm of {axis}: multiply by {steps:.6f}, or leave it, since this table holds it as well"
+    )
     back: ClassVar[str] = "send the plain positions again"
     general: ClassVar[bool] = True
     comment: ClassVar[Comment | None] = None
@@ -79,5 +82,7 @@ class CsvGrid(Controller):
     def checklist(self, setup: Setup) -> list[str]:
         return [
             "add dX, dY, ... (mm or deg) to the commanded positions; multilinear between nodes, the last value beyond",
+            "positions and corrections are in mm and degrees, whatever units machine.yaml and the survey have: where "
+            "your program counts in inches, divide both by 25.4",
             "leave other compensations as they were when the survey was measured",
         ]

@@ -267,7 +267,12 @@ class FanucPitch(Fanuc):
 
 
 class Fanuc3d(Fanuc):
-    """Three-dimensional error compensation."""
+    """Three-dimensional error compensation.
+
+    Parameters from N11000 hold the values in detection units: that of axis a (0, 1, 2 in the order of N10800 to N10802)
+    at the point with the indices i, j, k along these axes is N(11000 + 3 (i + n0 (j + n1 k)) + a), with n0 and n1 the
+    numbers of points (N10803, N10804). Point 0 lies at N10806 to N10808.
+    """
 
     name: ClassVar[str] = "fanuc-3d"
     title: ClassVar[str] = "FANUC three-dimensional error compensation (lattice)"

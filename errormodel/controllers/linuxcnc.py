@@ -104,8 +104,8 @@ class LinuxCnc1(Controller):
 
     def checklist(self, setup: Setup) -> list[str]:
         return [
-            "copy the .comp files beside the INI file and the lines of compensation.ini into its [JOINT_n] sections",
             "the files are in mm and degrees: [TRAJ] LINEAR_UNITS must be mm (where it is inch, do not load them)",
+            "copy the .comp files beside the INI file and the lines of compensation.ini into its [JOINT_n] sections",
             "compare the joint numbers above with those of the axes on this machine ([TRAJ] COORDINATES, [KINS])",
             "BACKLASH of these joints is ignored where a COMP_FILE is given. Where it was not 0 during the survey, the "
             "play comes back with these files: set BACKLASH to 0, measure again, and have errormodel diagnose find it",

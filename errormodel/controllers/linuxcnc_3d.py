@@ -154,12 +154,12 @@ class LinuxCnc3d(Controller):
 
     def checklist(self, setup: Setup) -> list[str]:
         return [
+            "the table is in mm and degrees: [TRAJ] LINEAR_UNITS must be mm (where it is inch, do not load it)",
             f"build the component once, on the machine's computer: halcompile --install {COMPONENT}.c (package "
             "linuxcnc-uspace-dev)",
             f"copy {COMPONENT}.table and {COMPONENT}.hal beside the INI file; add HALFILE = {COMPONENT}.hal to its "
             "[HAL], after the file that loads the motion controller; let drives and feedback go through the component, "
             "as its first lines say; compare the joints' numbers with [TRAJ] COORDINATES",
-            "the table is in mm and degrees: [TRAJ] LINEAR_UNITS must be mm (where it is inch, do not load it)",
             "COMP_FILE and BACKLASH of the corrected joints stay as they were during the survey, but for what is said "
             "of backlash above",
             f"restart LinuxCNC and home: halcmd show pin {PREFIX} must say valid TRUE, and active TRUE after a second; "

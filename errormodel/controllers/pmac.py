@@ -32,6 +32,7 @@ from errormodel.controllers.text import Comment, Files, one_file
 from errormodel.exceptions import InputError
 
 COMP_TABLE = re.compile(r"#(\d+) DEFINE COMP (\d+),#(\d+)D,#(\d+),(\d+)\s+([-\d\s]+)")
+FEW_TABLES, HELD = 8, "a PMAC holds 8, a Turbo PMAC 32"
 
 
 class Pmac(Controller):
@@ -56,6 +57,7 @@ class Pmac(Controller):
     )
     most_points: ClassVar[int] = 1000
     most_tables: ClassVar[int | None] = 32
+    counted: ClassVar[bool] = True
 
     def unit(self, setup: Setup) -> float:
         """A sixteenth of a count, mm."""
@@ -75,7 +77,12 @@ class Pmac(Controller):
             for i in sorted(turning)
             if not all(self._round(setup, t) for t in tables if t.term.inputs == (i,))
         ]
-        return [f"{count} tables are needed: a PMAC holds 8, a Turbo PMAC 32", *beside]
+        return [*(() if count > FEW_TABLES else (f"{count} tables are needed: {HELD}",)), *beside]
+
+    def heed(self, tables: Tables, setup: Setup) -> list[str]:
+        count = self.used([t.term for t in tables])
+        more = "With fewer: --max-tables N takes those that gain most, and says what is left"
+        return [f"{count} tables are needed: {HELD}. {more}"] if count > FEW_TABLES else []
 
     def terms(self, setup: Setup) -> list[Term]:
         curves = [

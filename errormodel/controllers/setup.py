@@ -88,6 +88,8 @@ class Setup:
     reversals : fitted reversal values, by axis.
     inverted : whether the files get the other sign, because the check of the control showed it.
     follow : whether corrections may follow the length of the tool; no: the survey does not show how.
+    aligned : whether nothing is aligned again once the tables act: the frame of the errors then does not turn.
+    most_tables : number of tables that may be used at most; None: as many as the format takes.
     """
 
     machine: str
@@ -105,6 +107,8 @@ class Setup:
     reversals: Mapping[str, Reversal] = field(default_factory=dict)
     inverted: bool = False
     follow: bool = True
+    aligned: bool = False
+    most_tables: int | None = None
 
     def place(self, name: str) -> int:
         """Column of an axis in positions (n, axes)."""

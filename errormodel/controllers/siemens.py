@@ -46,6 +46,7 @@ LEC = re.compile(rf"\$AA_ENC_COMP(?:_(\w+))?\[0,(?:(\d+),)?(\w+)1\]=({NUMBER_PAT
 CEC = re.compile(rf"\$AN_CEC(?:_(\w+))?\[(\d+)(?:,(\d+))?\]=\(?({NUMBER_PATTERN}|\w+1)\)?")
 SIEMENS_THERMAL_DOUBT = "the sign (taken as that of $AA_ENC_COMP: a positive value moves the axis in minus direction)"
 LEVER = re.compile(r"^; table (\d+) only multiplies others: ((?:sin |cos )?\w+)$", re.MULTILINE)
+FEW_TABLES = 8  # of $AN_CEC, which an 828D and an 840D sl of four axes hold
 # deg between points of a sine table: linear interpolation then errs by less than 0.03 % of the amplitude
 SINE_STEP_DEG = 2.5
 
@@ -230,6 +231,7 @@ class SiemensCec(Siemens):
     )
     bidirectional: ClassVar[bool] = True
     most_points: ClassVar[int] = 200
+    counted: ClassVar[bool] = True
     most_tables: ClassVar[int | None] = 55  # of 62 on an 840D sl, the rest being lever tables
 
     def terms(self, setup: Setup) -> list[Term]:
@@ -255,12 +257,24 @@ class SiemensCec(Siemens):
         full[:, setup.place(axis.name)] = x
         return x, np.round(factor(setup, name, full), 9)
 
+    def used(self, terms: Sequence[Term]) -> int:
+        return len(terms) + len({t.factor for t in terms if t.factor})
+
+    def _needed(self, tables: Tables) -> str:
+        count, own = self.used([t.term for t in tables]), len(tables)
+        return (
+            f"{count} tables of $AN_CEC are needed: {own} corrections and {count - own} that only multiply others. An "
+            "840D sl has 2 a machine axis, an 828D has 8; compare MD18342, and the option for sag compensation"
+        )
+
+    def heed(self, tables: Tables, setup: Setup) -> list[str]:
+        if self.used([t.term for t in tables]) <= FEW_TABLES:
+            return []
+        return [f"{self._needed(tables)}. With fewer: --max-tables N takes those that gain most, and says what is left"]
+
     def about(self, tables: Tables, setup: Setup) -> list[str]:
-        levers = len({t.term.factor for t in tables if t.term.factor})
-        count = len(tables) + levers
         return [
-            f"{count} tables of $AN_CEC are needed: {len(tables)} corrections and {levers} that only multiply others. "
-            "An 840D sl has 2 a machine axis, an 828D has 8; compare MD18342, and the option for sag compensation",
+            *(() if self.heed(tables, setup) else (self._needed(tables),)),
             *(
                 f"{a.name} goes round: its tables are modulo ({a.measured[0]:g} to {a.measured[1]:g} deg), and it must "
                 "be a modulo axis of that range (MD30310, MD30330)"

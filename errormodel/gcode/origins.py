@@ -22,11 +22,12 @@ LENGTH_AXIS = "Z"  # along which G43 takes a tool's length (NIST IR 6556, sectio
 
 @dataclass(frozen=True)
 class Origins:
-    """Offsets stated by the user; `alone`: the programme names one work offset at most."""
+    """Offsets stated by the user; `alone`: the programme names one work offset at most; `missing`: not stated."""
 
     setup: Setup
     reading: Reading
     alone: bool
+    missing: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, setup: Setup, reading: Reading, dialect: Dialect, blocks: Sequence[Block]) -> Origins:
@@ -44,7 +45,17 @@ class Origins:
                 found = f"no {', '.join(needed)}, which counts as much as the others"
                 raise InputError(given, found, f"Write {', '.join(f'{n}..' for n in needed)} too, 0 where it is none")
         named = {w.code for b in blocks for w in b.words if dialect.groups.get(w.code) == "work offset"}
-        return cls(setup, reading, len(named) < 2)
+        alone = len(named) < 2
+        known = {*reading.offsets, *(named if "" in reading.offsets and alone else ())}
+        lengths = [b.number_of("H") for b in blocks if "G43" in b.codes("G")]
+        names = [*sorted(named), *dict.fromkeys(f"H{n:g}" for n in lengths if n is not None)]
+        return cls(setup, reading, alone, tuple(n for n in names if n not in known))
+
+    def _others(self, name: str) -> str:
+        """The other offsets that the programme names and nobody stated, so that all are given in one go."""
+        others = [n for n in self.missing if n != name]
+        asked = " ".join(f"--offset {n}={f'{LENGTH_AXIS}..' if n.startswith('H') else 'X..,Y..,Z..'}" for n in others)
+        return f"; and for what follows {asked}" if others else ""
 
     def shift(self, block: Block, origin: str, tool: str) -> Array:
         """Offset (axes,) of a block from programme positions to those of the axes, mm and deg.
@@ -57,7 +68,7 @@ class Origins:
         offsets = self.reading.offsets
         usual = "" in offsets and self.alone
         if origin and origin not in offsets and not usual:
-            cure = f"Write --offset {origin}=X..,Y..,Z.. (positions of its zero on the axes)"
+            cure = f"Write --offset {origin}=X..,Y..,Z.. (positions of its zero on the axes){self._others(origin)}"
             block.refuse(f"the work offset {origin} is not known", cure)
         if not origin and "" not in offsets and any(n.startswith("G") for n in offsets):
             cure = "Write G54 before the first position, or --offset X..,Y..,Z.. for it"
@@ -82,5 +93,5 @@ class Origins:
         name = f"H{number:g}"
         if name not in self.reading.offsets:
             found = f"the tool length {name} is not known"
-            block.refuse(found, f"Write --offset {name}=Z.. (Z0 where the work offset holds it)")
+            block.refuse(found, f"Write --offset {name}=Z.. (Z0 where the work offset holds it){self._others(name)}")
         return name

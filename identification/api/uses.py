@@ -167,6 +167,8 @@ def compensate(
     invert: bool = False,
     allow_large: bool = False,
     kinematics: bool = False,
+    keep_alignment: bool = False,
+    max_tables: int | None = None,
     seed: int = 0,
     progress: Progress = silent,
 ) -> CompensationResult:
@@ -202,6 +204,10 @@ def compensate(
         Write corrections beyond 1 mm, or 10 mm in a metre, too.
     kinematics : bool
         Put constant errors of rotary axes into the control's kinematic description, and what remains into the tables.
+    keep_alignment : bool
+        Write the tables that leave least where fixtures, bed and probes are not aligned again.
+    max_tables : int or None
+        For controls that hold few tables: use this many at most, those that gain most.
     seed : int
     progress : callable
         Called with the name of each long part; returns a context manager around it.
@@ -230,6 +236,7 @@ def compensate(
             found = stage(
                 folder, controller, points, resolution, path, probe, tool, seed, progress, reading, axes=axes,
                 invert=invert, allow_large=allow_large, kinematics=kinematics,
+                keep_alignment=keep_alignment, max_tables=max_tables,
             )  # fmt: skip
         return CompensationResult(found)
 

@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 @click.option(
     "--kinematics", is_flag=True, help="Constant errors of rotary axes into kinematics.txt, tables for what remains."
 )
+@click.option("--keep-alignment", is_flag=True, help="Tables for fixtures, bed and probes that are not aligned again.")
+@click.option("--max-tables", type=click.IntRange(1), help="Use this many tables at most, those that gain most.")
 def compensate(
     folder: Path | None,
     name: str,
@@ -60,6 +62,8 @@ def compensate(
     invert: bool,
     allow_large: bool,
     kinematics: bool,
+    keep_alignment: bool,
+    max_tables: int | None,
     seed: int,
 ) -> None:
     """Write a controller's tables from the FOLDER of a fit, and show by emulation what they leave over."""
@@ -78,8 +82,8 @@ def compensate(
         raise InputError("--resolution", f"{resolution:g} mm", "Write the least increment in mm, such as 0.001")
     result = api.compensate(
         folder, name, points=points, resolution=resolution, program=program, dialect=dialect, offsets=offsets, at=after,
-        probe=probe, tool=tool, axes=axes, invert=invert, allow_large=allow_large, kinematics=kinematics, seed=seed,
-        progress=working,
+        probe=probe, tool=tool, axes=axes, invert=invert, allow_large=allow_large, kinematics=kinematics,
+        keep_alignment=keep_alignment, max_tables=max_tables, seed=seed, progress=working,
     )  # fmt: skip
     show_notes(result.notes)
     result.write(out)

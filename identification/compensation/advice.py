@@ -5,6 +5,7 @@ Angles in rad, actual minus nominal; effects in um at the tool tip over the surv
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from errormodel.arrays import Array
 from errormodel.controllers.base import Target
 from errormodel.controllers.setup import Setup
 from errormodel.location_errors import squareness
+from identification.compensation.assessment import Correct
 from identification.compensation.volume import Volume, best_frame
 
 LEAST_EFFECT_UM = 5.0  # um over the volume: smaller effects are not listed; by judgement
@@ -81,6 +83,19 @@ def scale_advice(volume: Volume, setup: Setup, target: Target) -> list[Scale]:
         if effect >= LEAST_EFFECT_UM:
             out.append(Scale(joint.name, scale, effect, words))
     return sorted(out, key=lambda found: -found.effect_um)
+
+
+def with_scales(correct: Correct, scales: Sequence[Scale], volume: Volume) -> Correct:
+    """Commands as the axes carry them out once `scales` are set: each travels less far by the scale that it had."""
+    names = [j.name for j in volume.field.joints]
+
+    def scaled(q: Array, came: Array, tool: Array | None) -> Array:
+        out = correct(q, came, tool).copy()
+        for found in scales:
+            out[:, names.index(found.joint)] /= 1 + found.scale
+        return out
+
+    return scaled
 
 
 def mechanical_advice(volume: Volume, before_um: float) -> list[Advice]:

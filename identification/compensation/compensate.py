@@ -21,9 +21,8 @@ from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import LONGER, Table, Tables, Term
 from errormodel.exceptions import InputError
 from errormodel.gcode.reading import Reading
-from errormodel.inputs import noted
 from errormodel.machine import Vector
-from identification.compensation.advice import mechanical_advice, scale_advice
+from identification.compensation.advice import mechanical_advice, scale_advice, with_scales
 from identification.compensation.assessment import Correct, assess, emulated, left, nothing
 from identification.compensation.conditions import (
     check_errors,
@@ -31,22 +30,23 @@ from identification.compensation.conditions import (
     conditions_of,
     state_lines,
 )
+from identification.compensation.coordinates import Coordinates
 from identification.compensation.designs import Designs
 from identification.compensation.field import Field
 from identification.compensation.findings import changed_columns, findings_of, outside
 from identification.compensation.model_uncertainty import against_model, following, judged
-from identification.compensation.notes import still_lines, survey_notes
+from identification.compensation.notes import inch_lines, still_lines, survey_notes
+from identification.compensation.options import check_invert, check_most, source_of
 from identification.compensation.read_motions import known_at_tip, motion_rows
-from identification.compensation.reduction import leftover, reduce
+from identification.compensation.reduction import aligned, leftover, reduce
 from identification.compensation.result import Compensation, Own, Stated
 from identification.compensation.reversal import reversals
 from identification.compensation.rotary_axes import Kinematics, described, lines_of
 from identification.compensation.rows import Rows, held_out, joints_read, read_rows
 from identification.compensation.seams import seams
-from identification.compensation.text import COMMON_FILES
 from identification.compensation.volume import Volume, levels
 from identification.observation.frames import rotation_notes
-from identification.results import manifest, store
+from identification.results import store
 from identification.results.stored_fit import StoredFit
 from identification.runtime.progress import Progress, silent
 
@@ -74,6 +74,8 @@ def compensate(
     invert: bool = False,
     allow_large: bool = False,
     kinematics: bool = False,
+    keep_alignment: bool = False,
+    max_tables: int | None = None,
 ) -> Compensation:
     """Compute the tables of a controller for the machine that was fitted into `folder`.
 
@@ -91,6 +93,8 @@ def compensate(
     allow_large : whether corrections beyond 1 mm are written.
     kinematics : whether the controller's kinematic description takes the constant errors of rotary axes, and the tables
         what remains.
+    keep_alignment : whether fixtures, bed and probes are not aligned again once the tables act.
+    max_tables : tables that are used at most, where the control holds few: those that gain most.
 
     Raises
     ------
@@ -98,8 +102,9 @@ def compensate(
         The folder holds no fit, there is no such controller, or the format cannot hold this machine's corrections.
     """
     controller = target_of(name)
-    _check_invert(controller, invert)
-    source = _source(controller, program, reading)
+    check_invert(controller, invert)
+    check_most(controller, max_tables)
+    source = source_of(controller, program, reading)
     with progress("Reading"):
         fit = store.load(folder)
         table = read_rows(folder, fit.chain.machine)
@@ -122,7 +127,10 @@ def compensate(
         setup = volume.setup(points, resolution, axes)[0]
     letters = {a.joint: a.name for a in setup.axes}
     by_axis = None if read is None else {a.name: read.get(a.joint, ()) for a in setup.axes}
-    setup = replace(setup, probe=probe, inverted=invert, reversals=reversals(field, letters), read=by_axis)
+    setup = replace(
+        setup, probe=probe, inverted=invert, reversals=reversals(field, letters), read=by_axis,
+        aligned=keep_alignment, most_tables=max_tables,
+    )  # fmt: skip
     controller.suits(setup)
     whole = fit if read is None else None
     setup, of_tools = following(whole, volume, setup, controller, seed)
@@ -168,6 +176,11 @@ def compensate(
         rotary = replace(rotary, tables_alone_um=bare)
     found = findings_of(folder)
     columns, unconfirmed = changed_columns(found, field)
+    scales = scale_advice(volume, setup, controller) if read is None else []
+    scaled_um = None
+    if scales and isinstance(controller, Controller) and not controller.general:
+        of = emulated(controller, usual.tables, setup, volume)
+        scaled_um = left(volume, with_scales(of, scales, volume), seed).rms_um
     advice = mechanical_advice(volume, usual.figures[0].before.rms_um)
     return Compensation(
         controller,
@@ -183,8 +196,9 @@ def compensate(
         tuple(columns),
         unconfirmed,
         tuple(outside(found, field, loose)),
-        tuple(still_lines(setup, read)),
-        tuple(scale_advice(volume, setup, controller)) if read is None else (),
+        (*inch_lines(bool(fit.data.get("inches")) and isinstance(controller, Controller)), *still_lines(setup, read)),
+        tuple(scales),
+        scaled_um,
     )
 
 
@@ -255,15 +269,13 @@ def _one_state(
         figures = judged(fit, volume, correct, held, seed)
         steps = seams(volume, setup, correct, seed)
         conditions = conditions_of(controller, setup, volume, back, seed)
+        turned = Coordinates.of(volume, correct, seed, setup.aligned)
+        if turned.must_align and (still := aligned(controller, setup, tables, designs)):
+            kept = Coordinates.of(volume, emulated(controller, still, setup, volume), seed)
+            turned = replace(turned, kept_um=kept.unaligned_um)
+        said = fewer_lines(controller, setup, volume, back, seed) if setup.most_tables is not None else ()
     check_size(conditions.largest, allow_large, what, against_model(figures))
-    return Stated(label, state, files, back, figures, conditions, seams=steps)
-
-
-def _check_invert(controller: Target, invert: bool) -> None:
-    """Raise InputError where the other sign can only do harm."""
-    if invert and not (isinstance(controller, Controller) and not controller.sign_known):
-        found = f"{controller.title}, whose sign a public source settles ({controller.source})"
-        raise InputError("--invert", found, "Leave it out: the other sign would double the errors")
+    return Stated(label, state, files, back, figures, conditions, said, turned, steps)
 
 
 def _own_thermal(controller: Controller, setup: Setup, volume: Volume, sets: list[Stated], seed: int) -> Own | None:
@@ -318,34 +330,18 @@ def _rewritten(
     # the line ends of the original programme are kept, since the control may require them
     new = re.sub(r"\r?\n", "\r\n", done.text) if "\r\n" in text else done.text
     figures, steps = judged(fit, volume, rounded, held, seed), seams(volume, setup, rounded, seed)
-    return Stated(label, state, {name: new}, (), figures, None, done.notes, steps)
+    turned = Coordinates.of(volume, rounded, seed)
+    return Stated(label, state, {name: new}, (), figures, None, done.notes, turned, steps)
 
 
-def _source(controller: Target, path: Path | None, reading: Reading | None) -> tuple[str, str]:
-    """Name and text of the programme, empty for a target with tables.
-
-    Raises
-    ------
-    InputError
-        It is missing, cannot be read, or has no use.
-    """
-    if isinstance(controller, Controller):
-        if path is not None or reading is not None:
-            option = "--program" if path is not None else "--dialect, --offset, --at"
-            found = f"{controller.title} takes tables, no programme"
-            raise InputError(option, found, f"Leave it out, or use --controller {instead(Rewriter)}")
-        return "", ""
-    if path is None:
-        raise InputError(f"--controller {controller.name}", "--program is missing", "Give the programme to correct")
-    if path.name.lower() in (*COMMON_FILES, manifest.NAME):
-        raise InputError(str(path), "a name that one of errormodel's own files has", "Rename the programme")
-    if manifest.lists(path):
-        raise InputError(str(path), "a programme that compensate wrote: it is corrected already", "Give the plain one")
-    try:
-        data = noted(path).read_bytes()  # a lone CR is no line end to every control
-        return path.name, data.decode("utf-8", "surrogateescape")
-    except OSError as error:
-        raise InputError(str(path), f"it cannot be read ({error})", "Give a programme as plain text") from error
+def fewer_lines(controller: Controller, setup: Setup, volume: Volume, tables: Tables, seed: int) -> tuple[str, ...]:
+    """What the bound on the number of tables costs: the residual error with as many as the format takes."""
+    whole = replace(setup, most_tables=None)
+    every = best_tables(controller, whole, volume)
+    used, all_of = (controller.used([t.term for t in x]) for x in (tables, every))
+    few, most = (left(volume, emulated(controller, t, setup, volume), seed).rms_um for t in (tables, every))
+    asked = f"{used} tables of the control, at most {setup.most_tables}"
+    return (f"{asked}: {few:.1f} um rms are left; {most:.1f} with {all_of}",)
 
 
 def best_tables(controller: Controller, setup: Setup, volume: Volume, designs: Designs | None = None) -> Tables:

@@ -93,11 +93,23 @@ class Conditions:
         removed = 1 - self.left_um / self.before_um if self.before_um > 0 else 0.0
         if removed >= LEAST_REMOVED_SHARE and self.worse_share <= MOST_WORSE_SHARE:
             return ""
-        return (
-            f"this format takes away {100 * max(removed, 0.0):.0f} % of the rms error "
-            f"({self.before_um:.1f} um before, {self.left_um:.1f} after) and makes {100 * self.worse_share:.0f} % of "
-            f"the poses worse; --controller {instead} can take away more"
-        )
+        why = list[str]()
+        if removed < LEAST_REMOVED_SHARE:
+            taken = _percent(removed, LEAST_REMOVED_SHARE) if removed > 0 else "nothing"
+            why.append(
+                f"this format takes away {taken} of the rms error ({self.before_um:.1f} um before, {self.left_um:.1f} "
+                f"after), less than {100 * LEAST_REMOVED_SHARE:g} %"
+            )
+        if self.worse_share > MOST_WORSE_SHARE:
+            share = _percent(self.worse_share, MOST_WORSE_SHARE)
+            why.append(f"it makes {share} of the poses worse, more than {100 * MOST_WORSE_SHARE:g} %")
+        return f"{', and '.join(why)}; --controller {instead} can take away more"
+
+
+def _percent(share: float, limit: float) -> str:
+    """A share in per cent, with as many digits as tell it from a limit."""
+    digits = next((d for d in range(6) if f"{100 * share:.{d}f}" != f"{100 * limit:.{d}f}"), 6)
+    return f"{100 * share:.{digits}f} %"
 
 
 def richer(controller: Controller, setup: Setup) -> list[str]:

@@ -25,10 +25,13 @@ if TYPE_CHECKING:
 
 MOST_CONE_VALUES = 5000  # table values: larger problems get the least-squares solution only, for time
 RIDGE_WEIGHT = 1e-8  # penalty on scaled values, so that values without poses are determined
-# The same on motions of the frame, about which the errors are already least: tables of a rotary table can move the
-# workpiece as the frame does, and would follow it by millimetres for the sake of nanometres. By judgement: a motion as
-# large as the errors then costs a thousandth of their squares.
+# The same on motions of the frame from where the errors are least without tables: those are what tables turn and shift
+# the machine's coordinates by. Tables of a rotary table can move the workpiece as the frame does, and would follow it
+# by millimetres for the sake of nanometres. By judgement: a turn as large as the errors then costs a thousandth of
+# their squares, and a shift, which every zero that is set anew takes off, a hundredth of that.
 FRAME_WEIGHT = 1e-3
+SHIFT_SHARE = 0.01
+MOST_TURN_WEIGHT = 1e6  # up to which turns are made dearer: there is then nothing of them left
 KINK_WEIGHT = 0.1  # penalty on second differences: values with few poses continue their neighbours straight
 SLACK = 1e-12  # of equality constraints, so that those which others imply do no harm
 # A curve leaves least squares in at most so many straight pieces, of two intervals at least, though in no fewer than
@@ -73,24 +76,35 @@ class Design:
         equal, slopes = _limits(controller, setup, terms, scale)
         return cls(terms, (matrix @ diags(scale)).tocsr(), scale, equal, slopes, _kinks(terms, scale), sample.sides)
 
+    @property
+    def values(self) -> int:
+        """Number of table values; the frame's motions follow them."""
+        return sum(t.size for t in self.terms)
+
+    @property
+    def _dear(self) -> Array:
+        """Weights of the frame's motions, shifts before turns, against each other."""
+        return np.where(np.arange(len(self.scale) - self.values) < 3, SHIFT_SHARE, 1.0)
+
     @cached_property
     def gram(self) -> csc_matrix:
         """Gram matrix of the design, with the penalties."""
         from scipy.sparse import csc_matrix, diags
 
         weights = np.full(self.matrix.shape[1], RIDGE_WEIGHT)
-        weights[sum(t.size for t in self.terms) :] = FRAME_WEIGHT
+        weights[self.values :] = FRAME_WEIGHT * self._dear
         slight = diags(weights) + KINK_WEIGHT * self.kinks.T @ self.kinks
         return csc_matrix(self.matrix.T @ self.matrix + slight)
 
     @cached_property
     def ball(self) -> Ball:
         """Neighbourhood of zero in which the minimax solution is sought about the least-squares one."""
-        from scipy.sparse import csr_matrix, vstack
+        from scipy.sparse import csr_matrix, identity, vstack
 
-        # the frame stays that of least squares, since errors are assessed after it
-        motions = self.matrix[:, sum(t.size for t in self.terms) :]
-        held = csr_matrix(vstack([self.equal, motions.T @ self.matrix]))
+        # the frame stays that of least squares: errors are assessed after it, and none follows the tables for one pose
+        motions = self.matrix[:, self.values :]
+        still = identity(len(self.scale), format="csr")[self.values :]
+        held = csr_matrix(vstack([self.equal, motions.T @ self.matrix, still]))
         return Ball.of(np.zeros(len(self.scale)), self._root, held, self.moves())
 
     @cached_property
@@ -118,26 +132,61 @@ class Design:
 
     def least(self, errors: Array) -> Array:
         """Least-squares solution (size,) for errors (3 n,), with the equality constraints."""
+        return self._solved(-self.matrix.T @ errors)
+
+    def _solved(self, goal: Array) -> Array:
+        """Solutions (size, ...) of the normal equations for right-hand sides (size, ...)."""
         from scipy.linalg import solve_triangular
 
         size, rows = self.matrix.shape[1], self.equal.shape[0]
-        goal = -self.matrix.T @ errors
         if size > MOST_CONE_VALUES:
-            return np.asarray(self._factor.solve(np.concatenate([goal, np.zeros(rows)]))[:size], np.float64)
+            below = np.zeros((rows, *goal.shape[1:]))
+            return np.asarray(self._factor.solve(np.concatenate([goal, below]))[:size], np.float64)
         z = solve_triangular(self._root, goal, lower=True)
         if rows:
             z -= self._seen @ np.linalg.solve(self._seen.T @ self._seen + SLACK * np.eye(rows), self._seen.T @ z)
         return np.asarray(solve_triangular(self._root, z, lower=True, trans="T"), np.float64)
 
+    @cached_property
+    def _steered(self) -> Array:
+        """Solutions (size, motions) of unit right-hand sides at the frame's motions."""
+        return self._solved(np.eye(len(self.scale))[:, self.values :])
+
+    def stillest(self, least: Array, room: float) -> Array:
+        """Solution (size,) that turns the frame least while the sum of squares exceeds that of `least` by `room`.
+
+        In an infinite room the frame does not turn, and its shifts are free.
+
+        The values follow a given motion g of the frame linearly, and the sum of squares exceeds its minimum, at g0, by
+        ``(g - g0)^T H (g - g0)``. The weight on turns that uses the room up is found by bisection.
+        """
+        first, dear = least[self.values :], np.diag(self._dear)
+        if not first.any() or room <= 0:
+            return least
+        curved = np.linalg.inv(self._steered[self.values :])
+
+        def at(weight: float) -> tuple[Array, float]:
+            away = np.linalg.solve(curved + weight * dear, curved @ first) - first
+            return away, float(away @ curved @ away)
+
+        if np.isinf(room):
+            dear = np.diag(self._dear == 1.0) * 1.0
+            return np.asarray(least + self._steered @ (curved @ at(MOST_TURN_WEIGHT)[0]), np.float64)
+        low, high = -12.0, float(np.log10(MOST_TURN_WEIGHT))
+        for _ in range(40):
+            middle = (low + high) / 2
+            low, high = (middle, high) if at(10**middle)[1] <= room else (low, middle)
+        return np.asarray(least + self._steered @ (curved @ at(10**low)[0]), np.float64)
+
     def moves(self) -> csr_matrix | None:
         """Basis (size, m) of departures from least squares, on coarser grids; None: any departure."""
-        from scipy.sparse import block_diag, diags, identity
+        from scipy.sparse import block_diag, csr_matrix, diags, identity
 
         coarse = [self._coarse(t) for t in self.terms]
         if all(c == t.grids for c, t in zip(coarse, self.terms, strict=True)):
             return None
         parts = [hats(c, nodes(t.grids)) if c else identity(1) for c, t in zip(coarse, self.terms, strict=True)]
-        frame = identity(len(self.scale) - sum(t.size for t in self.terms))
+        frame = csr_matrix((len(self.scale) - self.values, 0))
         return (diags(1 / self.scale) @ block_diag([*parts, frame])).tocsr()
 
     def _coarse(self, term: Term) -> tuple[tuple[float, ...], ...]:

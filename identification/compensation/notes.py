@@ -11,6 +11,16 @@ from identification.compensation.read_motions import notes_on_motions
 from identification.compensation.volume import Volume
 
 
+def inch_lines(inches: bool) -> list[str]:
+    """What comes first of a machine whose file counts in inches: files of all controllers are metric."""
+    if not inches:
+        return []
+    return [
+        "FIRST: machine.yaml counts in inches, and all lengths written here are in mm: set the control to mm "
+        "(LinuxCNC: [TRAJ] LINEAR_UNITS = mm) before they are loaded, or do not load them"
+    ]
+
+
 def still_lines(setup: Setup, read: Mapping[str, Sequence[str]] | None) -> list[str]:
     """What comes first of rotary axes that the survey did not move, whose place the tables therefore do not know."""
     if read is not None:

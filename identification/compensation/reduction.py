@@ -23,11 +23,13 @@ from errormodel.controllers.tables import Table, Tables, Term
 from identification.compensation.designs import MOST_CONE_VALUES, Design, Designs, kink_count
 from identification.compensation.minimax import Slopes, least_worst
 from identification.compensation.sample import Sample, framed
+from identification.compensation.selection import strongest
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 GIVEN_UP_SHARE = 0.02  # of the removable RMS error, permitted as loss for a smaller maximum; by judgement
+STILL_SHARE = 0.02  # of the removable RMS error, permitted as loss for a smaller turn of the frame; by judgement
 MOST_RMS_INCREASE = 0.05  # of the least-squares residual RMS: upper bound of that loss; by judgement
 MOST_WORK = 1e6  # rows times unknowns of all programmes of a command, some 3 s of CPU, shared by the states
 IDLE_TABLE_SHARE = 1e-3  # of the largest table's RMS effect: smaller tables are left out; by judgement
@@ -53,18 +55,29 @@ def reduce(
     """
     designs = designs or Designs()
     while True:
-        task = _Task.of(designs.design(controller, setup, terms, sample), sample)
+        task = _Task.of(designs.design(controller, setup, terms, sample), sample, setup.aligned)
         values = task.split(task.least)
         columns = [designs.column(controller, setup, t, sample) for t in terms]
         moved = [_moves(c, v, sample.frame) for c, v in zip(columns, values, strict=True)]
         keep = [k for k, m in enumerate(moved) if m > IDLE_TABLE_SHARE * max(moved)]
         if most_tables is not None and len(keep) > most_tables:
             keep = sorted(sorted(keep, key=lambda k: -moved[k])[:most_tables])
+        if setup.most_tables is not None and controller.used(terms) > setup.most_tables:
+            keep = strongest(task.design, task.errors, setup.most_tables, controller.used, setup.aligned)
         if len(keep) == len(terms) or not keep:
             return tuple(
                 Table(t, v) for t, v in zip(terms, task.split(task.best(MOST_WORK / designs.states)), strict=True)
             )
         terms = [terms[k] for k in keep]
+
+
+def aligned(controller: Controller, setup: Setup, tables: Tables, designs: Designs) -> Tables | None:
+    """Tables like these by least squares in a frame that does not turn; None: these were no reduction."""
+    terms = tuple(t.term for t in tables)
+    if designs.poses is None or terms not in designs.designs:
+        return None
+    task = _Task.of(designs.designs[terms], designs.poses, aligned=True)
+    return tuple(Table(t, v) for t, v in zip(terms, task.split(task.least), strict=True))
 
 
 def leftover(
@@ -88,20 +101,23 @@ class _Task:
 
     Attributes
     ----------
-    errors : (3 n,) in multiples of `unit` (mm).
+    errors : (3 n,) in multiples of `unit` (mm), after the best-fit frame.
     before : root of the sum of squares without tables, after the best-fit frame.
+    aligned : whether the frame must not turn.
     """
 
     design: Design
     errors: Array
     before: float
     unit: float
+    aligned: bool = False
 
     @classmethod
-    def of(cls, design: Design, sample: Sample) -> _Task:
-        unit = float(np.sqrt(np.mean(np.square(sample.errors)))) or 1.0
-        before = float(np.linalg.norm(framed(sample.errors, sample.frame))) / unit
-        return cls(design, sample.errors.T.ravel() / unit, before, unit)
+    def of(cls, design: Design, sample: Sample, aligned: bool = False) -> _Task:
+        # the frame starts where the errors are least: its motion is then what the tables turn and shift
+        errors = framed(sample.errors, sample.frame)
+        unit = float(np.sqrt(np.mean(np.square(errors)))) or 1.0
+        return cls(design, errors.T.ravel() / unit, float(np.linalg.norm(errors)) / unit, unit, aligned)
 
     def split(self, x: Array) -> list[Array]:
         """Values of each term in mm or deg, in the shape of its grid."""
@@ -111,8 +127,9 @@ class _Task:
 
     @cached_property
     def least(self) -> Array:
-        """Least-squares solution with the equality constraints."""
-        return self.design.least(self.errors)
+        """Least-squares solution with the equality constraints, or one nearly as good that turns the frame less."""
+        least = self.design.least(self.errors)
+        return self.design.stillest(least, np.inf if self.aligned else self._room(least, STILL_SHARE))
 
     def best(self, work: float) -> Array:
         """Minimax solution within the permitted loss of mean square, and within some `work` of the programmes."""
@@ -144,8 +161,13 @@ class _Task:
             start += count
         return Slopes(kinks[rows], np.array(bounds))
 
-    def _room(self, x: Array) -> float:
-        """Permitted increase of the sum of squares over that of `x`, the least-squares solution within the slopes."""
+    def _room(self, x: Array, share: float | None = None) -> float:
+        """Permitted increase of the sum of squares over that of `x`, the least-squares solution within the slopes.
+
+        `share` : of the removable RMS error that may be lost; None: `GIVEN_UP_SHARE`.
+        """
         least = float(np.linalg.norm(self.errors + self.design.matrix @ x))
-        given = min(GIVEN_UP_SHARE * max(self.before - least, 0.0), MOST_RMS_INCREASE * least)
+        given = min(
+            (GIVEN_UP_SHARE if share is None else share) * max(self.before - least, 0.0), MOST_RMS_INCREASE * least
+        )
         return (least + given) ** 2 - least**2

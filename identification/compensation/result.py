@@ -19,6 +19,7 @@ from identification.compensation.conditions import (
     richer,
     shift_lines,
 )
+from identification.compensation.coordinates import Coordinates
 from identification.compensation.findings import Outside, column_line
 from identification.compensation.model_uncertainty import against_model
 from identification.compensation.rotary_axes import Kinematics
@@ -48,6 +49,7 @@ class Stated:
     figures: list[Figures]
     conditions: Conditions | None = None  # None for corrected commands, which need no zero shift or backlash value
     notes: tuple[str, ...] = ()  # remarks on rewritten programmes
+    coordinates: Coordinates | None = None  # what it turns and shifts as a whole; None: not computed
     seams: tuple[Seam, ...] = ()  # steps of the correction where a rotary axis begins a new turn
 
     @property
@@ -101,6 +103,7 @@ class Compensation:
     outside: tuple[Outside, ...] = ()
     still: tuple[str, ...] = ()
     scales: tuple[Scale, ...] = ()
+    scaled_um: float | None = None
 
     @property
     def usual(self) -> Stated:
@@ -129,7 +132,18 @@ class Compensation:
         rotary = [self.rotary.first()] if self.rotary and (self.rotary.asked or self.rotary.worth) else []
         ordered = [*rotary, *shifts] if self.rotary and self.rotary.asked else [*shifts, *rotary]
         gentle = [line for line, harmful in worst if not harmful]
+        if isinstance(self.controller, Controller):
+            ordered += [f"FIRST: {x}" for x in self.controller.heed(self.usual.tables, self.setup)]
+        ordered += [x for x in self.turned if x.startswith("FIRST")]
         return [*dict.fromkeys(against), *(f"FIRST: {line}" for line in changed), *gentle, *self.still, *ordered]
+
+    @property
+    def turned(self) -> list[str]:
+        """What the compensation turns and shifts as a whole, a line for every state with a step because of it."""
+        tables = isinstance(self.controller, Controller)
+        lines = {s.label: s.coordinates.line(tables) for s in self.sets if s.coordinates}
+        steps = [f"{x}{f' ({label})' if label else ''}" for label, x in lines.items() if x.startswith("FIRST")]
+        return steps or [x for label, x in lines.items() if label == self.usual.label]
 
     @property
     def checklist(self) -> list[str]:
@@ -144,6 +158,7 @@ class Compensation:
         after = [REDATUM_STEP] if isinstance(controller, Controller) else []
         after.append(f"to take it back: {controller.back}")
         needs = f"the control needs: {controller.needs}"
+        before += [x for x in self.turned if x not in before]
         return [*before, *self.states, needs, *controller.checklist(self.setup), *after]
 
     def as_json(self) -> dict[str, Any]:
@@ -170,6 +185,7 @@ class Compensation:
                     "tables": [_table_json(t) for t in s.tables],
                     "figures": [asdict(f) | {"removed": f.removed()} for f in s.figures],
                     "conditions": s.conditions.as_json() if s.conditions else None,
+                    "coordinates": s.coordinates.as_json() if s.coordinates else None,
                     "steps": [asdict(x) for x in s.seams],
                 }
                 for s in self.sets
@@ -186,6 +202,7 @@ class Compensation:
             },
             "probe": None if self.probing is None else asdict(self.probing) | {"files": list(self.probing.files)},
             "scales": [asdict(a) for a in self.scales],
+            "scaled_um": self.scaled_um,
             "advice": [asdict(a) for a in self.advice],
             "first": self.first,
             "not_in_tables": [asdict(o) for o in self.outside],

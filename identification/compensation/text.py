@@ -35,6 +35,10 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
         yield "adjust before compensating (largest first), then measure and fit again"
         for n, a in enumerate(adjust, start=1):
             yield from wrap(f"{n}. {a.line()}", TEXT_WIDTH, initial_indent="  ", subsequent_indent="     ")
+    if result.scaled_um is not None:
+        said = f"with these scales set, and these tables: {result.scaled_um:.1f} um rms are left over the volume"
+        instead = f" in place of {result.usual.figures[0].after.rms_um:.1f}"
+        yield from wrap(f"{said}{instead}", TEXT_WIDTH, initial_indent="  ", subsequent_indent="     ")
     if result.outside:
         yield ""
         yield "not in these tables"
@@ -50,6 +54,9 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
         for figures in stated.figures:
             yield from figure_lines(figures, setup, isinstance(controller, Controller) and controller.follows_tool)
         yield from stated.notes
+    for line in result.turned:
+        if not line.startswith("FIRST"):
+            yield from wrap(line, TEXT_WIDTH)
     if result.thermal:
         usual, files = result.usual, ", ".join(f for f in result.thermal.files if "/" not in f)
         yield ""

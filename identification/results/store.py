@@ -59,6 +59,7 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
         "condition": s.groups.condition,
         "covered": covered(fit.chain, fit.span),
         "frame_mode": fit.survey.frame,
+        **({"inches": True} if fit.chain.machine.inches else {}),
         "frame": [
             {
                 "label": label,

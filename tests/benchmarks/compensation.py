@@ -92,7 +92,7 @@ class Case:
             fine, given_up = self.setup, 1e-6
             terms = controller.structures(fine)[-1]
         sample = self.volume.sample(fine, 24_000 if len(terms) < 10 else 4000, seed=5)
-        with mock.patch.multiple(reduction, GIVEN_UP_SHARE=given_up, MOST_RMS_INCREASE=given_up):
+        with mock.patch.multiple(reduction, GIVEN_UP_SHARE=given_up, MOST_RMS_INCREASE=given_up, STILL_SHARE=0.0):
             tables = reduction.reduce(controller, fine, terms, sample, controller.most_tables)
         return emulated(controller, controller.read(controller.write(tables, fine), fine), fine, self.volume)
 

@@ -336,3 +336,10 @@ def test_a_programmes_number_and_whole_numbers_are_read_as_the_user_says() -> No
     for dialect in ("fanuc-calculator", "iso"):
         own = Source.of("a.nc", calculator, Reading.of(dialect, (), ("start=X0,Y0,Z0",))).steps(SETUP)
         assert next(s.path.end for s in own if s.path is not None)[:3].tolist() == [10.0, 100.0, -60.0]
+
+
+def test_all_offsets_that_are_missing_are_said_at_once() -> None:
+    told = refusal("G90 G0 G54 X10 Y10\nG43 H1 Z-55\nG1 X20\nG0 G55 X0 Y0\nG43 H7 Z-50\nM30\n")
+    assert "the work offset G54 is not known" in told
+    for name in ("G54=X..,Y..,Z..", "G55=X..,Y..,Z..", "H1=Z..", "H7=Z.."):
+        assert told.count(f"--offset {name}") == 1

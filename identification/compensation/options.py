@@ -1,0 +1,55 @@
+"""Options of a compensation that only some targets take, and the programme of those that rewrite one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from errormodel.controllers import instead, registry
+from errormodel.controllers.base import Controller, Rewriter, Target
+from errormodel.exceptions import InputError
+from errormodel.gcode.reading import Reading
+from errormodel.inputs import noted
+from identification.compensation.text import COMMON_FILES
+from identification.results import manifest
+
+
+def check_invert(controller: Target, invert: bool) -> None:
+    """Raise InputError where the other sign can only do harm."""
+    if invert and not (isinstance(controller, Controller) and not controller.sign_known):
+        found = f"{controller.title}, whose sign a public source settles ({controller.source})"
+        raise InputError("--invert", found, "Leave it out: the other sign would double the errors")
+
+
+def check_most(controller: Target, most: int | None) -> None:
+    """Raise InputError where a number of tables (`most`) is given and the target's are not counted."""
+    if most is not None and not (isinstance(controller, Controller) and controller.counted):
+        counted = " or ".join(n for n, k in registry().items() if issubclass(k, Controller) and k.counted)
+        found = f"{controller.title}, of which every control holds all that are written"
+        raise InputError("--max-tables", found, f"Leave it out; it is for --controller {counted}")
+
+
+def source_of(controller: Target, path: Path | None, reading: Reading | None) -> tuple[str, str]:
+    """Name and text of the programme, empty for a target with tables.
+
+    Raises
+    ------
+    InputError
+        It is missing, cannot be read, or has no use.
+    """
+    if isinstance(controller, Controller):
+        if path is not None or reading is not None:
+            option = "--program" if path is not None else "--dialect, --offset, --at"
+            found = f"{controller.title} takes tables, no programme"
+            raise InputError(option, found, f"Leave it out, or use --controller {instead(Rewriter)}")
+        return "", ""
+    if path is None:
+        raise InputError(f"--controller {controller.name}", "--program is missing", "Give the programme to correct")
+    if path.name.lower() in (*COMMON_FILES, manifest.NAME):
+        raise InputError(str(path), "a name that one of errormodel's own files has", "Rename the programme")
+    if manifest.lists(path):
+        raise InputError(str(path), "a programme that compensate wrote: it is corrected already", "Give the plain one")
+    try:
+        data = noted(path).read_bytes()  # a lone CR is no line end to every control
+        return path.name, data.decode("utf-8", "surrogateescape")
+    except OSError as error:
+        raise InputError(str(path), f"it cannot be read ({error})", "Give a programme as plain text") from error
