@@ -195,17 +195,24 @@ def flush(path: Path) -> None:
         return  # a folder cannot be opened there
     handle = os.open(path, os.O_RDONLY if folder else os.O_RDWR)
     try:
-        if sys.platform == "darwin":  # whose fsync leaves data in the cache of the drive
-            import fcntl
-
-            fcntl.fcntl(handle, fcntl.F_FULLFSYNC)
-        else:
+        if not _past_the_cache(handle):
             os.fsync(handle)
     except OSError as error:
         if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS):  # file systems without this operation
             raise
     finally:
         os.close(handle)
+
+
+def _past_the_cache(handle: int) -> bool:
+    """Flush on macOS, whose fsync leaves data in the cache of the drive; False elsewhere, and where it cannot be."""
+    if sys.platform == "darwin":
+        import fcntl
+
+        with suppress(OSError):
+            fcntl.fcntl(handle, fcntl.F_FULLFSYNC)
+            return True
+    return False
 
 
 def impossible_on_windows(name: str) -> str | None:

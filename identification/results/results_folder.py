@@ -62,8 +62,9 @@ class ResultsFolder:
             if not self.path.exists():
                 plain_mode(self.path)  # a dangling link
                 return []
-            if self.path.resolve() in (Path.cwd(), *Path.cwd().parents) or self.path.is_mount():
-                where = "a mount point" if self.path.is_mount() else "the folder that the command runs in, or one above"
+            mounted = os.path.ismount(self.path)  # `Path.is_mount` is not there on Windows before Python 3.12
+            if self.path.resolve() in (Path.cwd(), *Path.cwd().parents) or mounted:
+                where = "a mount point" if mounted else "the folder that the command runs in, or one above"
                 found = f"{where}, which cannot be exchanged as a whole"
                 raise InputError(str(self.path), found, f"Give a folder in it, such as {self.path / 'results'}")
             old = manifest.read(self.path)
@@ -116,8 +117,8 @@ class ResultsFolder:
         finally:
             if part is not None:
                 shutil.rmtree(part, ignore_errors=True)
-            if handle is not None:
-                os.close(handle)
+                if handle is not None:
+                    _let_go(part, handle)
 
 
 def _parents(path: Path) -> Sequence[Path]:
@@ -227,20 +228,34 @@ def _clear(target: Path) -> None:
     """Remove leftovers of killed runs beside a folder."""
     if target.exists():
         shutil.rmtree(_aside(target), ignore_errors=True)
-    for old in target.parent.iterdir():
-        if old.name.startswith(f".{target.name}.") and old.name.endswith(".part") and old.is_dir():
-            handle = _held(old)
-            if handle is not None:
-                shutil.rmtree(old, ignore_errors=True)
-                os.close(handle)
+    beside = [p for p in target.parent.iterdir() if p.name.startswith(f".{target.name}.")]
+    parts = {p for p in beside if p.suffix == ".part" and p.is_dir()}
+    if sys.platform == "win32":  # a lock may be left alone
+        parts |= {p.with_suffix("") for p in beside if p.name.endswith(".part.lock")}
+    for old in parts:
+        handle = _held(old)
+        if handle is not None:
+            shutil.rmtree(old, ignore_errors=True)
+            _let_go(old, handle)
 
 
 def _held(part: Path) -> int | None:
-    """Lock a folder for the life of this process; None if another one holds it, or where this is not known."""
-    if sys.platform == "win32":
-        return None
-    handle = os.open(part, os.O_RDONLY)
+    """Lock a folder for the life of this process; None if another one holds it."""
+    if sys.platform == "win32":  # where a folder cannot be opened, nor renamed while a file in it is
+        handle = os.open(_lock_beside(part), os.O_RDWR | os.O_CREAT)
+    else:
+        handle = os.open(part, os.O_RDONLY)
     if taken(handle):
         return handle
     os.close(handle)
     return None
+
+
+def _let_go(part: Path, handle: int) -> None:
+    os.close(handle)
+    with suppress(OSError):  # another process looks whether it is locked
+        _lock_beside(part).unlink(missing_ok=True)
+
+
+def _lock_beside(part: Path) -> Path:
+    return part.with_name(f"{part.name}.lock")

@@ -21,8 +21,12 @@ from errormodel.files import sha256, write_bytes_atomic
 from identification.results import results_folder, store
 from identification.results.results_folder import ResultsFolder
 from tests.helpers.commands import MILL, done, fitted_mill, run, tree, write
+from tests.helpers.windows_rules import obey
 
 ROOT = Path(__file__).resolve().parents[2]
+WINDOWS = pytest.param(
+    ("windows",), marks=pytest.mark.skipif(sys.platform != "linux", reason="its rules kept on Linux")
+)
 
 
 @pytest.fixture(scope="module")
@@ -266,8 +270,12 @@ import itertools, sys, time
 from pathlib import Path
 from identification.results import results_folder
 from identification.results.results_folder import ResultsFolder
-if len(sys.argv) > 4:
+if "plain" in sys.argv:
     results_folder._swapped = lambda *_: False
+if "windows" in sys.argv:
+    import pytest
+    from tests.helpers.windows_rules import obey
+    obey(pytest.MonkeyPatch())
 for k in itertools.count(int(sys.argv[3])):
     source = Path(sys.argv[1 + k % 2])
     with ResultsFolder(Path("fit")).replaced() as part:
@@ -310,11 +318,13 @@ def two(place: Path) -> Path:
     return place
 
 
-@pytest.mark.parametrize("swap", [(), ("plain",)])
-def test_killed_at_any_moment(two: Path, swap: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("system", [(), ("plain",), WINDOWS])
+def test_killed_at_any_moment(two: Path, system: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     whole, rng = sorts(two), random.Random(1)
+    if system == ("windows",):
+        obey(monkeypatch)
     for _ in range(8):
-        process = saving("one", "two", 0, *swap)
+        process = saving("one", "two", 0, *system)
         time.sleep(rng.uniform(0.0, 0.06))
         end(process)
         store.load(Path("fit"))  # which recovers a folder that was aside
@@ -323,9 +333,12 @@ def test_killed_at_any_moment(two: Path, swap: tuple[str, ...]) -> None:
     assert not [p for p in two.iterdir() if p.name.startswith(".fit")]  # nothing is left of those that were killed
 
 
-def test_two_writers_and_a_reader(two: Path) -> None:
+@pytest.mark.parametrize("system", [(), WINDOWS])
+def test_two_writers_and_a_reader(two: Path, system: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     whole = sorts(two)
-    processes = [saving("one", "two", k) for k in (0, 1)]
+    if system == ("windows",):
+        obey(monkeypatch)
+    processes = [saving("one", "two", k, *system) for k in (0, 1)]
     try:
         values = [store.load(Path(name)).values for name in ("one", "two")]
         for _ in range(20):

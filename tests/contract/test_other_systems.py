@@ -1,0 +1,119 @@
+"""What errormodel does where a system lacks something that Linux has: the same results, by other means."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from errormodel import files
+from errormodel.files import write_bytes_atomic
+from identification.results import results_folder
+from tests.helpers.commands import MILL, done, run, tree
+from tests.helpers.windows_rules import obey
+
+LINUX = pytest.mark.skipif(sys.platform != "linux", reason="rules of other systems, kept on Linux")
+WORK: tuple[tuple[object, ...], ...] = (
+    ("simulate", MILL, 60, "--noise", 0.002, "--out", "s.csv"),
+    ("fit", MILL, "s.csv", "--out", "fit"),
+    ("monitor", "fit", "s.csv"),
+    ("compensate", "fit", "--controller", "csv", "--points", 4, "--out", "fit/tables"),
+    ("predict", "fit", "s.csv", "--out", "p.csv"),
+    ("fit", MILL, "s.csv", "--out", "fit"),  # which takes the tables and the history along
+)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of `WORK` on this system as it is."""
+    folder = tmp_path_factory.mktemp("plain")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for words in WORK:
+            done(*words)
+    return folder
+
+
+def differing(place: Path, plain: Path) -> set[str]:
+    """Names of files that are not as they were; the database of a history has places of its own."""
+    here, there = tree(place), tree(plain)
+    return {n for n in {*here, *there} if here.get(n) != there.get(n) and not n.endswith(".sqlite")}
+
+
+@LINUX
+def test_windows_rules_for_files_change_no_byte(plain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    obey(monkeypatch)
+    for words in WORK:
+        done(*words)
+    assert differing(tmp_path, plain) == set()
+
+
+@LINUX
+@pytest.mark.parametrize("name", ["p.csv", "fit/machine.yaml"])
+def test_a_file_that_a_spreadsheet_holds_open(
+    name: str, plain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither it nor the folder that it is in can be replaced: a sentence, and all that was there."""
+    place = shutil.copytree(plain, tmp_path / "w")
+    monkeypatch.chdir(place)
+    before = tree(place)
+    obey(monkeypatch)
+    with Path(name).open("rb"):
+        ended = run(*(WORK[4] if name == "p.csv" else WORK[1]))
+    assert ended.code == 2
+    assert "cannot be written: Access is denied" in ended.err
+    assert tree(place) == before
+
+
+def _refused(code: int) -> Callable[..., None]:
+    def call(*_: object, **__: object) -> None:
+        raise OSError(code, os.strerror(code))
+
+    return call
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="functions of POSIX")
+def test_file_systems_without_locks_links_flushes_and_exchange(
+    plain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import fcntl
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(fcntl, "flock", _refused(errno.ENOTSUP))
+    monkeypatch.setattr(os, "link", _refused(errno.EPERM))
+    monkeypatch.setattr(os, "fsync", _refused(errno.EINVAL))
+    monkeypatch.setattr(results_folder, "_swapped", lambda *_: False)
+    for words in WORK:
+        done(*words)
+    assert differing(tmp_path, plain) == set()
+
+
+@LINUX
+@pytest.mark.parametrize("possible", [True, False])
+def test_macos_flushes_past_the_cache_of_the_drive(
+    possible: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And is content with less where a file system, such as that of a stick, cannot."""
+    import fcntl
+
+    asked: list[str] = []
+
+    def control(handle: int, what: int) -> None:
+        asked.append(f"full {what}")
+        if not possible:
+            raise OSError(errno.ENOTSUP, "Operation not supported")
+
+    monkeypatch.setattr(files, "sys", SimpleNamespace(platform="darwin"))
+    monkeypatch.setattr(fcntl, "F_FULLFSYNC", 51, raising=False)
+    monkeypatch.setattr(fcntl, "fcntl", control)
+    monkeypatch.setattr(os, "fsync", lambda handle: asked.append("fsync"))
+    write_bytes_atomic(b"x", tmp_path / "a")
+    assert asked == ["full 51", "full 51"] if possible else ["full 51", "fsync"] * 2  # the file, and its folder
+    assert (tmp_path / "a").read_bytes() == b"x"
