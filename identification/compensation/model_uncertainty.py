@@ -70,7 +70,7 @@ def _uncertain(fit: StoredFit, volume: Volume, rows: Rows, parts: Sequence[tuple
     place = {n: k for k, n in enumerate(own)}
     kept = [k for k, n in enumerate(fit.base) if n in place]
     base = _framed(design[[place[fit.base[k]] for k in kept]], frame)
-    known = float(np.sum(fit.covariance[np.ix_(kept, kept)] * (base.T @ base)))
+    known = float(np.sum(fit.widened[np.ix_(kept, kept)] * (base.T @ base)))
     unseen = [column for _, column in unidentified(fit, list(own), design)]
     more = float(np.sum(np.square(_framed(np.array(unseen), frame)))) if unseen else 0.0
     return Uncertain(*(float(np.sqrt(v / len(rows))) for v in (np.sum(np.square(framed(shown, frame))), known, more)))

@@ -189,6 +189,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         ),
         by_observation(baseline, final),
         final.fitted.n > 0 or not final.problem.readings,
+        final.solution.dof,
     )
     return Diagnosed(diagnosis, baseline, final, model, found.ranking, log=log)
 

@@ -54,6 +54,7 @@ def together(machine: Machine, survey: Survey, parts: Sequence[tuple[Carried, Di
         "; ".join(left) or None,
         next((d.diagnosis.dependence for _, d in parts if d.diagnosis.dependence), None),
         (*final.notes, *dict.fromkeys(notes)),
+        dof=sum(d.final.solution.dof for _, d in _lengths(parts)),
     )
     main = max((d for _, d in parts), key=lambda d: len(d.model.steps))
     log = DecisionLog()

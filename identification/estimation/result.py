@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from identification.bayes.posterior import Posterior
 
 
+TWO_SIGMA = 0.9772498680518208  # of a normal distribution lies below two standard deviations
+
+
 @dataclass(frozen=True)
 class Spread:
     """Statistics of residual vectors, um; in rows with missing components the vector has the measured ones only."""
@@ -156,6 +159,33 @@ class Fit:
         from scipy.special import chdtrc
 
         return float(np.sqrt(s.chi2 / s.dof)) if chdtrc(s.dof, s.chi2) < 0.01 else 1.0
+
+    @property
+    def coverage(self) -> float:
+        """Factor on standard uncertainties of predictions: where few degrees of freedom gave the noise, above 1.
+
+        Two of them then cover 95.45 % (Student's t). A posterior and declared noise need none.
+        """
+        s = self.solution
+        known = self.posterior is not None or (s.declared == set(s.sums) and self.inflation == 1)
+        return 1.0 if known else coverage_of(s.dof)
+
+
+def noise_bounds(dof: int) -> tuple[float, float]:
+    """Factors on a standard deviation estimated with so many degrees of freedom: its 95 % interval (chi-squared)."""
+    from scipy.special import chdtri
+
+    if dof <= 0:
+        return 0.0, float("inf")
+    low, high = np.sqrt(dof / chdtri(dof, [0.025, 0.975])).tolist()
+    return low, high
+
+
+def coverage_of(dof: int) -> float:
+    """Factor on a standard uncertainty with estimated noise, so that twice it covers 95.45 % (Student's t; GUM G.3)."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(dof, TWO_SIGMA) / 2) if dof > 0 else 1.0
 
 
 def position_sigma(views: Sequence[View], solution: Solution) -> float:

@@ -85,7 +85,9 @@ class FitFile(_Part):
     noise: dict[str, _Noise]
     location_errors: list[_LocationError] = []
     covered: dict[str, Annotated[list[Number], Field(min_length=2, max_length=2)]] = {}
+    history: dict[str, Annotated[list[Number], Field(min_length=3, max_length=3)]] = {}
     robust: bool = False
+    coverage: Annotated[Number, Field(gt=0)] = 1.0
     observations: list[_SetUp] = []
 
 

@@ -20,7 +20,7 @@ from errormodel.surveys.columns import OBSERVATION
 from errormodel.surveys.observations import observed
 from identification.estimation.fit import moved
 from identification.estimation.motions import Motions
-from identification.estimation.result import Fit, Streamed
+from identification.estimation.result import Fit, Streamed, noise_bounds
 from identification.observation.pose import Pose
 from identification.results import manifest
 from identification.results.analysis import Analysis
@@ -30,6 +30,7 @@ from identification.results.results_folder import ResultsFolder, whole
 from identification.results.set_ups import set_ups
 from identification.results.stored_fit import SCHEMA, StoredFit, read_files
 from identification.uncertainty.further_poses import leverages
+from identification.uncertainty.lag_history import history_of
 from identification.uncertainty.measured_range import covered
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
         "rank": s.groups.rank,
         "condition": s.groups.condition,
         "covered": covered(fit.chain, fit.span),
+        "history": history_of(fit.chain, fit.span),
         "frame_mode": fit.survey.frame,
         **({"inches": True} if fit.chain.machine.inches else {}),
         "frame": [
@@ -85,11 +87,13 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
             for t in fit.tests
         ],
         "sigma_um": 1e3 * fit.sigma_mm,
+        "sigma_interval_um": [1e3 * fit.sigma_mm * x for x in noise_bounds(s.dof)],
         "sigma_from": "declared" if "position" in s.declared else "residuals",
         "noise": {kind: {"sigma": value, "declared": kind in s.declared} for kind, value in s.sigma.items()},
         "dof": s.dof,
         "reduced_chi2": whole,
         "inflation": fit.inflation,
+        "coverage": fit.coverage,
         "passes": s.passes,
         "converged": s.converged,
         "streamed": None if fit.streamed is None else _streamed_json(fit.streamed, len(fit.survey)),

@@ -19,6 +19,7 @@ from identification.estimation.result import Fit, Spread
 from identification.observation.pose import Pose
 from identification.results.set_ups import set_ups
 from identification.results.versions import read_json
+from identification.uncertainty.lag_history import history_of
 from identification.uncertainty.measured_range import covered
 
 SCHEMA = "errormodel.fit/1"
@@ -42,15 +43,21 @@ class StoredFit:
     data: dict[str, Any]
     set_ups: dict[str, float] = field(default_factory=dict)  # unknown numbers of observations, mm and rad
     free_reference: bool = False  # only readings were fitted, which do not show where the machine stands
+    coverage: float = 1.0  # factor on standard uncertainties of predictions, for noise from few degrees of freedom
     unlisted: tuple[str, ...] = ()  # what is said of a folder whose files cannot be checked
 
     @property
     def fitted(self) -> Spread:
         return Spread(**self.data["fitted"])
 
+    @property
+    def widened(self) -> Array:
+        """The covariance of `base`, of which two standard uncertainties cover 95.45 %."""
+        return self.covariance * self.coverage**2
+
 
 def stored(fit: Fit, groups: Sequence[Mapping[str, Any]]) -> StoredFit:
-    """The fit with its `groups` (see `groups_of`) as its folder would give it; its data is what was covered."""
+    """The fit with its `groups` (see `groups_of`) as its folder would give it; its data is what was recorded."""
     return StoredFit(
         chain=fit.chain,
         values={p["id"]: p["value"] for p in groups},
@@ -61,9 +68,10 @@ def stored(fit: Fit, groups: Sequence[Mapping[str, Any]]) -> StoredFit:
         frame_mode=fit.survey.frame,
         frames=fit.problem.frames,
         test_frames={t.path: t.frames for t in fit.tests},
-        data={"covered": covered(fit.chain, fit.span)},
+        data={"covered": covered(fit.chain, fit.span), "history": history_of(fit.chain, fit.span)},
         set_ups={v.id: v.value for v in set_ups(fit)},
         free_reference=bool(fit.problem.readings) and not fit.problem.frames and fit.survey.frame != "fixed",
+        coverage=fit.coverage,
     )
 
 
@@ -92,6 +100,7 @@ def read_files(folder: Path) -> StoredFit:
             data,
             {str(v["id"]): float(v["value"]) for v in data.get("observations", [])},
             bool(data.get("readings")) and not data["frame"] and data["frame_mode"] != "fixed",
+            float(data.get("coverage", 1.0)),
         )
     except OSError as error:
         raise InputError(str(path), f"it cannot be read ({error.strerror})", CURE) from error

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from errormodel.location_errors import named
+from identification.estimation.result import noise_bounds
 from identification.results.parameter_table import printed
 from identification.results.set_ups import set_ups
 from identification.results.terminal import table_lines
@@ -128,6 +129,9 @@ def _spread_lines(fit: Fit) -> Iterator[str]:
     yield from table_lines([["um", "rms", "mean", "max", "n"], *cells], "<>>>>", least=7)
     known = "position" in fit.solution.declared
     how = "seen; standard uncertainties follow the declared one" if known else "from residuals"
+    if fit.solution.dof > 0:
+        low, high = (1e3 * fit.sigma_mm * x for x in noise_bounds(fit.solution.dof))
+        how = f"{low:.2f} to {high:.2f}, 95 %, {how}"
     tested = known and fit.solution.dof > 0
     chi = f", reduced chi-square {fit.solution.chi2 / fit.solution.dof:.3f}" if tested else ""
     yield f"\nnoise of one coordinate {1e3 * fit.sigma_mm:.2f} um ({how}), {fit.solution.dof} degrees of freedom{chi}"
@@ -200,7 +204,9 @@ def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:
     before, after = (_held_out(s) for s in (diagnosis.baseline, diagnosis.final))
     yield headline(diagnosis)
     what = "coordinate" if diagnosis.points else "reading"
-    yield f"verdict: {diagnosis.verdict}; noise of one {what} {diagnosis.noise_um:.2f} um"
+    low, high = diagnosis.noise_interval_um
+    known = f" ({low:.2f} to {high:.2f}, 95 %)" if diagnosis.dof > 0 else ""
+    yield f"verdict: {diagnosis.verdict}; noise of one {what} {diagnosis.noise_um:.2f} um{known}"
     yield f"held out: {before} um rms before, {after} um after"
     yield from _observation_lines(diagnosis.readings)
     if diagnosis.unexplained:

@@ -303,7 +303,7 @@ def _prediction(fit: Fit, stored: StoredFit, effects: Sequence[_Effect]) -> Budg
     first = source.iloc[0]
     table = table.assign(run=first["run"], file=first["file"], role="fit", row=np.arange(1, WORST_POSE_CANDIDATES + 1))
     points = replace(fit.survey, table=table)
-    known = predict(stored, points)[["ux", "uy", "uz"]].to_numpy()
+    known = predict(replace(stored, coverage=1.0), points)[["ux", "uy", "uz"]].to_numpy()
     worst, axis = np.unravel_index(int(np.argmax(known)), known.shape)
     rows = as_rows(*(c[[worst]] for c in fit.chain.columns(table)))
     label = next(iter(fit.problem.frames), None)

@@ -9,6 +9,7 @@ import numpy as np
 
 from errormodel.chain import Chain
 from errormodel.channels import root
+from errormodel.effects import make
 from errormodel.simulation import outward
 
 if TYPE_CHECKING:
@@ -60,9 +61,22 @@ def beyond_notes(chain: Chain, ranges: Mapping[str, list[float]], table: pd.Data
         count = f"{outside.sum()} point{'s lie' if outside.sum() > 1 else ' lies'}"
         yield (
             f"{count} beyond what was measured of {name}, {low:.6g} to {high:.6g}{unit}; the farthest at "
-            f"{values[at]:.6g}{unit} ({row['file']}, row {row['row']}). There the model is carried on unproven, and "
-            "its uncertainty holds only if it goes on as it was"
+            f"{values[at]:.6g}{unit} ({row['file']}, row {row['row']}). There {_there(chain, name)}"
         )
+
+
+def _there(chain: Chain, name: str) -> str:
+    """What the model does beyond what was measured of a channel: what has no name does not go on."""
+    machine = chain.machine
+    effects = [make(spec) for spec in machine.effects]
+    own = [e for e in effects if name in {root(c) for c, *_ in e.within}]
+    others = [e for e in effects if e not in own and name in set(map(root, e.channels(machine)))]
+    tends = f"what has no name ({', '.join(dict.fromkeys(f'{e.effect} at {e.where}' for e in own))})"
+    words = [f"{tends} tends to its mean, and its uncertainty grows to its size"] if own else []
+    if others or not own or name in {j.name for j in machine.joints}:
+        what = "the rest of the model" if own else "the model"
+        words.append(f"{what} is carried on unproven, and its uncertainty holds only if it goes on as it was")
+    return "; ".join(words)
 
 
 def _unit(name: str) -> str:

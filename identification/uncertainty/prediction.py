@@ -18,6 +18,7 @@ from identification.observation.assembly import frame_columns, frame_labels
 from identification.observation.frames import rotation_notes
 from identification.observation.pose import IDENTITY, Pose
 from identification.results.stored_fit import StoredFit
+from identification.uncertainty.lag_history import continued, started_anew
 from identification.uncertainty.measured_range import beyond_notes
 from identification.uncertainty.reading_prediction import predicted_readings, rigid_parts
 
@@ -39,7 +40,8 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
 
     Effects of the instrument (a moved station, drift, scale) are part of the measured position, not of the machine's
     error. The uncertainty contains the covariance of the estimated parameters and, for unidentified parameters that act
-    here (with another tool, for instance), the size of the identified ones of the same unit.
+    here (with another tool, for instance), the size of the identified ones of the same unit. Where the noise was
+    estimated with few degrees of freedom it is widened, so that twice it covers 95.45 % (Student's t).
 
     Parameters
     ----------
@@ -55,7 +57,7 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     import pandas as pd
 
     labels = _labels(fit, points)
-    channels = fit.chain.columns(points.table)
+    channels = continued(fit.chain, fit.data.get("history", {}), points.table, fit.chain.columns(points.table))
     out = np.full((len(points), 9), np.nan)
     first = next(iter(fit.frames), None)
     for label in dict.fromkeys(labels):
@@ -96,7 +98,8 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     beyond = beyond_notes(fit.chain, fit.data.get("covered", {}), points.table)
     free = (FREE_REFERENCE,) if fit.free_reference else ()
     own = (*fit.unlisted, *rotation_notes(fit.frames))
-    return (*own, *_unfitted(fit, points), *free, *beyond, *_arrivals(fit, points))
+    late = started_anew(fit.chain, fit.data.get("history", {}), points.table)
+    return (*own, *_unfitted(fit, points), *free, *beyond, *late, *_arrivals(fit, points))
 
 
 def _arrivals(fit: StoredFit, points: Survey) -> Iterator[str]:
@@ -153,7 +156,7 @@ def _variance(fit: StoredFit, names: list[str], design: Array) -> Array:
     place = {n: k for k, n in enumerate(names)}
     kept = [k for k, n in enumerate(fit.base) if n in place]
     base = design[[place[fit.base[k]] for k in kept]]
-    covariance = fit.covariance[np.ix_(kept, kept)]
+    covariance = fit.widened[np.ix_(kept, kept)]
     variance: Array = np.einsum("aim,ab,bim->im", base, covariance, base, optimize=True)
     for _, column in unidentified(fit, names, design):
         variance += np.square(column)

@@ -13,8 +13,8 @@ from errormodel.survey import read_survey
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.diagnosed import Diagnosed
 
-# held out. b: 6.4 where the names beside which as much is left lose it; two temperatures, one lagged, leave 16 and 6.3
-LARGEST_UM = {"a": 13.0, "b": 6.5}
+# held out: 7.1 (what depends on the time: 10.1) and 2.2, 6.4 where a finding named again lost all refinements
+LARGEST_UM = {"a": 13.0, "b": 3.0}
 
 
 @cache

@@ -18,8 +18,8 @@ from identification.diagnosis.results.findings import probability_of
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.conditional_evidence import conditional_scores
 from identification.diagnosis.search.forward_selection import forward_select, reselect
-from identification.diagnosis.search.model import replayed
-from identification.diagnosis.search.model_comparison import compare_alternatives, empirical_evidence, log_evidence
+from identification.diagnosis.search.model import log_evidence, replayed
+from identification.diagnosis.search.model_comparison import compare_alternatives, empirical_evidence
 from identification.diagnosis.search.refinement import refined, with_sections
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import fit_machine

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from errormodel.chain import Chain
 from errormodel.machine_file import read_machine
+from identification.diagnosis.results.verdict import judge
 from identification.estimation.fit import fit_machine
 from identification.estimation.noise import Noise
+from identification.estimation.result import noise_bounds
 from identification.uncertainty.prediction import predict
 from tests.helpers.correlated_noise import drawn
-from tests.helpers.surveys import measured, stored, survey
+from tests.helpers.surveys import measured, positions, stored, survey
 
 
 def test_predictions_cover_the_truth_under_correlated_noise() -> None:
@@ -29,6 +33,52 @@ def test_predictions_cover_the_truth_under_correlated_noise() -> None:
         hits.append(np.mean(gap < 2 * out[["ux", "uy", "uz"]].to_numpy()))
         assert any("correlated" in note for note in fit.notes)
     assert 0.90 < np.mean(hits) <= 0.995
+
+
+SMALL = """
+errormodel: 1
+name: three axes
+chain:
+  - {joint: X, type: prismatic, axis: x, travel: [0, 500]}
+  - {shape: slide, offset: [0, 0, 0]}
+  - {joint: Y, type: prismatic, axis: y, travel: [0, 400]}
+  - {shape: head, offset: [0, 0, 0]}
+  - {joint: Z, type: prismatic, axis: z, travel: [-300, 0]}
+tool: [0, 0, -100]
+errors:
+  shapes: all
+  joints: {X: first-order, Y: first-order, Z: first-order}
+"""
+
+
+def test_noise_from_few_degrees_of_freedom_is_known_as_well_as_that(tmp_path: Path) -> None:
+    """Seven rows and twenty unknowns: the one degree of freedom often shows a tenth of the noise."""
+    (tmp_path / "machine.yaml").write_text(SMALL, encoding="utf-8")
+    machine = read_machine(tmp_path / "machine.yaml")
+    p = np.zeros(len(Chain(machine).ids))
+    fresh, table = measured(machine, p, 20, 999), positions(measured(machine, p, 7, 1))
+    known, covered, narrow = [], [], []
+    for seed in range(40):
+        noisy = table.copy()
+        noisy[["mx", "my", "mz"]] += np.random.default_rng(seed).normal(0, 0.002, (7, 3))
+        fit = fit_machine(machine, survey(noisy))
+        assert fit.solution.dof == 1
+        low, high = noise_bounds(fit.solution.dof)
+        known.append(low * fit.sigma_mm < 0.002 < high * fit.sigma_mm)
+        out = predict(stored(fit), survey(fresh))
+        gap = np.abs((out[["mx", "my", "mz"]] - fresh[["mx", "my", "mz"]]).to_numpy())
+        known_to = 2 * out[["ux", "uy", "uz"]].to_numpy()
+        covered.append(np.mean(gap < known_to))
+        narrow.append(np.mean(gap < known_to / fit.coverage))
+    assert np.mean(known) > 0.85  # three standard deviations below 0.95, as below
+    assert 0.85 < np.mean(covered) <= 1
+    assert np.mean(narrow) < 0.82  # of one degree of freedom, two standard deviations hold 70 %
+    verdict = judge(fit, found=False)
+    assert verdict.word == "unexplained"
+    assert verdict.unexplained is not None
+    assert verdict.unexplained.startswith("not judged: 21 measured values for 20 unknowns leave 1 degree of freedom")
+    enough = fit_machine(machine, survey(positions(measured(machine, p, 20, 1, 0.002))))
+    assert judge(enough, found=False).word == "adequate"
 
 
 def test_a_fit_is_never_worse_than_none() -> None:

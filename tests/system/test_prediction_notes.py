@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from errormodel.chain import Chain
 from errormodel.machine_file import read_machine
 from tests.helpers.commands import MILL, XYZ, done, fitted_mill, write
 
@@ -54,6 +55,49 @@ def test_a_temperature_that_never_was_is_named(tmp_path: Path) -> None:
         poses.iloc[:5].assign(T_spindle=warm).to_csv(tmp_path / "p.csv", index=False)
         err = done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
         assert ("5 points lie beyond what was measured of T_spindle, 20 to 30 degC" in err) == named
+
+
+def test_what_a_lag_had_come_to_is_in_the_files_of_a_fit(tmp_path: Path) -> None:
+    """Later commands are predicted as rows of the same recording would be; at earlier times it is said that not."""
+    machine = _mill_with(tmp_path, "[{effect: structure-drift, element: column, motion: dy, sensor: T_bed, tau: 1800}]")
+    done("simulate", MILL, 90, "--out", tmp_path / "poses.csv")
+    time = 100.0 * np.arange(90)
+    poses = pd.read_csv(tmp_path / "poses.csv").drop(columns=XYZ)
+    poses = poses.assign(time=time, T_bed=20 + 30 * (1 - np.exp(-time / 1500)))
+    poses.to_csv(tmp_path / "c.csv", index=False)
+    (moved,) = (i for i in Chain(read_machine(machine)).ids if "structure-drift" in i)
+    truth = write(tmp_path / "t.yaml", f"parameters: {{{moved}: 0.005}}\n")
+    done("simulate", machine, tmp_path / "c.csv", "--parameters", truth, "--out", tmp_path / "all.csv")
+    seen = pd.read_csv(tmp_path / "all.csv")
+    seen.iloc[:60].to_csv(tmp_path / "s.csv", index=False)
+    done("fit", machine, tmp_path / "s.csv", "--out", tmp_path / "fit")
+    for back, said in ((0.0, False), (7000.0, True)):
+        later = poses.iloc[60:].assign(time=time[60:] - back)
+        later.to_csv(tmp_path / "p.csv", index=False)
+        err = done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
+        assert ("T_bed acts late" in err) == said
+        left = np.abs(pd.read_csv(tmp_path / "out.csv")[XYZ].to_numpy() - seen[XYZ].to_numpy()[60:]).max()
+        assert (left > 0.01) if said else (left < 1e-6)
+
+
+def test_what_has_no_name_is_not_carried_on(tmp_path: Path) -> None:
+    """Beyond the times that it was recorded in it tends to its mean: that is what is said of it."""
+    known = "within: [[time, 0, 5900, 1500]], spread: [[Z, dz, 0.01]]"
+    cubic = "form: cubic, center: 3000, half_range: 3000"
+    form = f"{{effect: unnamed, element: Z, motion: dz, driver: time, {cubic}, {known}}}"
+    drift = "{effect: warm-up, element: X, motion: dx, tau: 2000}"
+    for effects, said in ((form, ("tends",)), (drift, ("carried",)), (f"{form}, {drift}", ("tends", "carried"))):
+        machine = _mill_with(tmp_path, f"[{effects}]")
+        done("simulate", MILL, 60, "--out", tmp_path / "poses.csv")
+        poses = pd.read_csv(tmp_path / "poses.csv").drop(columns=XYZ).assign(time=100.0 * np.arange(60))
+        poses.to_csv(tmp_path / "c.csv", index=False)
+        done("simulate", machine, tmp_path / "c.csv", "--noise", 0.002, "--out", tmp_path / "s.csv")
+        done("fit", machine, tmp_path / "s.csv", "--out", tmp_path / "fit")
+        poses.assign(time=9000.0).to_csv(tmp_path / "p.csv", index=False)
+        err = done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
+        assert "beyond what was measured of time, 0 to 5900 s" in err
+        assert ("what has no name (unnamed at Z) tends to its mean" in err) == ("tends" in said)
+        assert ("is carried on unproven" in err) == ("carried" in said)
 
 
 def test_a_station_that_moved_is_no_error_of_the_machine(tmp_path: Path) -> None:

@@ -244,8 +244,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _in(_SCORING, "CLEARLY"),
         ),
         "reselection": Rule(
-            SELECTION, DELTA, "A finding is named again where another effect explains more beside the other findings.",
-            _in(_FORWARD, "BARELY") + _in(_SCORING, "DETECT"),
+            SELECTION, EVIDENCE, "A finding is named again, or left out, where the whole model has more evidence so.",
         ),
         "seen-before": Rule(SELECTION, "", "A renaming that leads back to an earlier model is not made."),
         "superfluous": Rule(
@@ -367,6 +366,9 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             VERDICT, "reduced chi-squared",
             "Without repeats, residuals that exceed the declared uncertainty are unexplained.",
             _in("results.pure_error", "MISFIT_P", "MISFIT_RATIO"),
+        ),
+        "few-degrees-of-freedom": Rule(
+            VERDICT, COUNT, "With few degrees of freedom left, what is left cannot be told from noise: not judged.",
         ),
         "serial-correlation": Rule(
             VERDICT, "um", "Residuals most of which wander along the rows are unexplained.",

@@ -18,6 +18,7 @@ from identification.diagnosis.linear.row_residuals import ReadingSizes
 from identification.diagnosis.results.effect_size import Amount
 from identification.diagnosis.results.residual_dependence import Dependence
 from identification.diagnosis.search.scoring import FORM, Step
+from identification.estimation.result import noise_bounds
 
 SCHEMA = "errormodel.diagnosis/1"
 
@@ -109,7 +110,13 @@ class Untestable:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """All that ``diagnosis.json`` holds; `points`: whether the noise is that of a coordinate, not of a reading."""
+    """All that ``diagnosis.json`` holds.
+
+    Attributes
+    ----------
+    points : whether the noise is that of a coordinate, not of a reading.
+    dof : degrees of freedom that the final fit has left, by which the noise is known.
+    """
 
     verdict: str
     noise_um: float
@@ -122,6 +129,13 @@ class Diagnosis:
     notes: tuple[str, ...] = field(default=())
     readings: tuple[ReadingSizes, ...] = ()
     points: bool = True
+    dof: int = 0
+
+    @property
+    def noise_interval_um(self) -> tuple[float, float]:
+        """95 % interval of the noise, by the degrees of freedom."""
+        low, high = noise_bounds(self.dof)
+        return low * self.noise_um, high * self.noise_um
 
     def as_json(self) -> dict[str, Any]:
         readings = {"readings": [asdict(r) for r in self.readings]} if self.readings else {}
@@ -129,6 +143,7 @@ class Diagnosis:
             "schema": SCHEMA,
             "verdict": self.verdict,
             "noise_um": self.noise_um,
+            "noise_interval_um": list(self.noise_interval_um),
             "baseline": self.baseline,
             "final": self.final,
             **readings,

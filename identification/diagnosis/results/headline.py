@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from identification.diagnosis.results.findings import Diagnosis, Finding
 from identification.diagnosis.results.statements import SURE
-from identification.diagnosis.results.verdict import AT_ONE_POSE
+from identification.diagnosis.results.verdict import AT_ONE_POSE, NOT_JUDGED
 
 VERDICTS = {
     "adequate": "Nothing was found: the model and the noise explain what was measured.",
@@ -15,6 +15,7 @@ VERDICTS = {
 UNDECIDED = (
     "{found}; which of these columns is wrong is not known, and the signs of squarenesses and tables depend on it."
 )
+FEW = "{found}; too few values were measured to say whether what is left is noise."
 MOST = 3  # findings by name
 
 
@@ -27,7 +28,9 @@ def headline(diagnosis: Diagnosis) -> str:
         names[MOST:] = [f"{len(names) - MOST} more"]
     found = " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part) if names else "Nothing was found"
     undecided = any(f.undecided for f in diagnosis.findings)
-    return (UNDECIDED if undecided else VERDICTS[diagnosis.verdict]).format(found=found[:1].upper() + found[1:])
+    few = NOT_JUDGED in (diagnosis.unexplained or "")
+    text = UNDECIDED if undecided else FEW if few else VERDICTS[diagnosis.verdict]
+    return text.format(found=found[:1].upper() + found[1:])
 
 
 def _named(finding: Finding) -> str:

@@ -14,10 +14,12 @@ from identification.diagnosis.results.findings import Finding
 from identification.diagnosis.results.pure_error import MISFIT_P, MISFIT_RATIO, repeats_of, whitened
 from identification.diagnosis.results.residual_dependence import Dependence
 from identification.diagnosis.results.wandering import wandering_text
-from identification.estimation.result import Fit
+from identification.estimation.checks import FEW_DOF
+from identification.estimation.result import Fit, noise_bounds
 
 BINS = 8  # of each channel, in which to look for where most is left over
 LEAST_ROWS = 12  # of a bin
+NOT_JUDGED = "not judged"
 AT_ONE_POSE = "no joint moved between the rows: they say nothing of the machine's error motions"
 FAR = 8.0  # times the median size of all rows: Gaussian noise never gets there
 FEW, MUCH = 0.05, 0.2  # of the rows, and of their sum of squares: rows so far out that are to be named
@@ -38,7 +40,8 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
 
     Misfit is what exceeds the scatter of repeated poses; without repeats, what exceeds a declared uncertainty; what
     depends on anything recorded; and what wanders along the rows. Other noise that depends on nothing recorded is not
-    distinguished from a cause that was not.
+    distinguished from a cause that was not. With fewer than `FEW_DOF` degrees of freedom it is not judged: residuals
+    are as small by chance.
     """
     s = final.solution
     repeats = repeats_of(final)
@@ -71,10 +74,13 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
     if not found and _at_one_pose(final):
         notes.append(AT_ONE_POSE)
     wanders = wandering_text(final, log)
-    if not reason and dependence is None and not wanders:
+    few = "" if reason or s.dof >= FEW_DOF else _few(final)
+    if few:
+        log.add("few-degrees-of-freedom", "found", "residuals", s.dof, FEW_DOF)
+    if not reason and dependence is None and not wanders and not few:
         return Verdict("explained" if found else "adequate", None, tuple(notes))
     text = f"{_length(final):.1f} um rms where {reason}; {largest(final)}" if reason else ""
-    text = "; ".join(filter(None, (text, dependence.text if dependence else "", wanders)))
+    text = "; ".join(filter(None, (text, dependence.text if dependence else "", wanders, few)))
     return Verdict("partly-explained" if found else "unexplained", text, tuple(notes))
 
 
@@ -85,6 +91,20 @@ def with_doubt(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
         return verdict
     return replace(
         verdict, word="partly-explained", unexplained="; ".join(filter(None, (verdict.unexplained, *doubts)))
+    )
+
+
+def _few(fit: Fit) -> str:
+    """That so few degrees of freedom do not tell noise from misfit, what they say of the noise, and what would do."""
+    s, rows = fit.solution, max(len(fit.survey.fit), 1)
+    count = sum(x.count for x in s.sums.values())
+    low, high = (x * _length(fit) for x in noise_bounds(s.dof))
+    more = int(np.ceil((FEW_DOF - s.dof) * rows / max(count, 1)))
+    noise = f", by which the noise of a row is {low:.2g} to {high:.2g} um (95 %)" if s.dof > 0 else ""
+    left = f"{s.dof} degree{'' if s.dof == 1 else 's'} of freedom"
+    return (
+        f"{NOT_JUDGED}: {count} measured values for {count - s.dof} unknowns leave {left}{noise}. "
+        f"Measure at least {more} rows more like these, better {rows}, or declare fewer errors in machine.yaml"
     )
 
 

@@ -19,7 +19,7 @@ from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.conditional_evidence import MOST_ALTERNATIVES_TRIED, conditional_scores
 from identification.diagnosis.search.criteria import base_channels, heldout_rms, log_likelihood_gain
-from identification.diagnosis.search.model import EffectModel, of_groups, replayed, with_step
+from identification.diagnosis.search.model import EffectModel, log_evidence, of_groups, replayed, with_step
 from identification.diagnosis.search.refinement import (
     forms,
     is_departure,
@@ -38,7 +38,6 @@ LEAK = 0.06  # share of what is explained already: a smaller effect elsewhere ma
 LEAST_EVIDENCE = 7.0  # log Bayes factor below which a proposal is not examined
 NEAR_BEST = 0.7  # of the best evidence: proposals that are tried as refinements before it
 COMPETES, MOST_COMPETING = 0.3, 4  # of the best evidence: refinements of one finding that are tried beside it
-BARELY = 1.02  # times what a finding explains: an effect that explains no more does not replace it
 HARDLY = 1.05  # times the cross-validation error: a superfluous effect gains as much by chance
 MOST_FINDINGS = 12
 MOST_STEPS = 24
@@ -347,7 +346,11 @@ def _otherwise_named(model: EffectModel, step: Step) -> bool:
 
 
 def reselect(model: EffectModel, candidates: Candidates, log: DecisionLog = UNRECORDED) -> EffectModel:
-    """The model with one finding replaced, where another effect is preferred given the other findings."""
+    """The model with one finding replaced by another effect, or left out, where that model has more evidence.
+
+    The refinements of the other findings stay; those of the finding itself stay if the model has more evidence with
+    them. What else is still needed of them, the next rounds of selection find.
+    """
     groups = model.findings
     for group in groups:
         old, *more = group
@@ -358,14 +361,22 @@ def reselect(model: EffectModel, candidates: Candidates, log: DecisionLog = UNRE
         best = choose(linear, steps)
         if best.effect == old.effect or (bool(more) and best.effect.key == old.effect.key):
             continue
-        explained = linear.delta_chi2(linear.with_effect(old.effect))
-        better = not best.delta_chi2 < BARELY * explained and accepted(linear, best)
-        share = ratio(best.delta_chi2, explained)
-        log.add("reselection", "preferred" if better else "set aside", best.effect, share, BARELY, beside=old.effect)
-        if not better:
-            continue
-        log.add("reselection", "replaced", old.effect, beside=best.effect)
-        # refinements are dropped: the next round of selection finds those that are still needed
-        mains = [g[0] for g in groups if g is not group]
-        return replayed(model.start, [*mains, best])
+        rest = [s for s in more if s.effect.key != best.effect.key]
+        others = of_groups(model.start, [g for g in groups if g is not group])
+        looked = max((_with(others, own) for own in ([], [best], [best, *rest])), key=log_evidence)
+        gain = log_evidence(looked) - log_evidence(model)
+        log.add("reselection", "replaced" if gain > 0 else "kept", old.effect, gain, 0.0, beside=best.effect)
+        if gain > 0:
+            return looked
+    return model
+
+
+def _with(model: EffectModel, group: Sequence[Step]) -> EffectModel:
+    """The model with one finding more, or with what refines one that it has."""
+    for main, *more in [group] if group else []:
+        parent = refined(model, main)
+        number = len(model.steps) if parent is None else parent
+        model = with_step(model, replace(main, parent=parent))
+        for step in more:
+            model = with_step(model, replace(step, parent=number))
     return model

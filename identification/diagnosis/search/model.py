@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.scoring import Step
 
 
@@ -58,3 +61,18 @@ def of_groups(start: LinearModel, groups: Sequence[Sequence[Step]]) -> EffectMod
         for step in (replace(main, parent=None), *(replace(s, parent=number) for s in more)):
             model = with_step(model, step)
     return model
+
+
+def log_evidence(model: EffectModel) -> float:
+    """Log evidence of all effects of a model together, under correlated noise, less the trials factor of each."""
+    effects = [s.effect for s in model.steps]
+    linear, total = model.start, 0.0
+    for curve in (e for e in effects if e.random):
+        total += linear.random(linear.columns(curve)[0]).best()[1]
+        linear = linear.with_effect(curve)
+    # named effects first: the first one's prior sizes are used
+    if rest := sorted((e for e in effects if not e.random), key=lambda e: e.empirical):
+        [(_, evidence)] = coloured.evidence(linear, [rest])
+        total += evidence
+    trials = max((s.trials for s in model.steps), default=1)
+    return total - len(model.steps) * float(np.log(max(trials, 1)))

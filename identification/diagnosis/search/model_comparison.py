@@ -11,17 +11,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, named, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.conditional_evidence import MOST_ALTERNATIVES_TRIED
 from identification.diagnosis.search.criteria import heldout_rms, one_sensor
 from identification.diagnosis.search.forward_selection import forward_select
-from identification.diagnosis.search.model import EffectModel, replayed
+from identification.diagnosis.search.model import EffectModel, log_evidence, replayed
 from identification.diagnosis.search.refinement import OWN, apart, distinct
 from identification.diagnosis.search.scoring import CLEARLY, NEAR, Step, choose
 from identification.diagnosis.search.shape_fit import optimise_shapes
@@ -79,21 +76,6 @@ def _effects(model: EffectModel) -> str:
 
 def _searched_from(start: LinearModel, candidates: Candidates, begin: list[Step], log: DecisionLog) -> tuple[Step, ...]:
     return forward_select(start.branch(), candidates.branch(), begin=begin, log=log).steps
-
-
-def log_evidence(model: EffectModel) -> float:
-    """Log evidence of all effects of a model together, under correlated noise, less the trials factor of each."""
-    effects = [s.effect for s in model.steps]
-    linear, total = model.start, 0.0
-    for curve in (e for e in effects if e.random):
-        total += linear.random(linear.columns(curve)[0]).best()[1]
-        linear = linear.with_effect(curve)
-    # named effects first: the first one's prior sizes are used
-    if rest := sorted((e for e in effects if not e.random), key=lambda e: e.empirical):
-        [(_, evidence)] = coloured.evidence(linear, [rest])
-        total += evidence
-    trials = max((s.trials for s in model.steps), default=1)
-    return total - len(model.steps) * float(np.log(max(trials, 1)))
 
 
 def empirical_evidence(model: EffectModel) -> float:

@@ -1,0 +1,80 @@
+"""Lagged temperatures of later commands go on from the recording's end, where both have one clock.
+
+A first-order lag forgets: of its state before only one number is left. What follows differs from a lag that starts in
+equilibrium by ``(state - temperature) exp(-t/tau)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.chain import Chain
+from errormodel.channels import DERIVED_CHANNEL, channel, clocks, lagged
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+History = Mapping[str, Sequence[float]]  # of each lagged channel: time (s), temperature and lagged temperature (degC)
+
+
+def _lags(chain: Chain) -> Iterator[tuple[int, str, str, float]]:
+    """Lagged channels of a model: number, name, base channel and time constant, s."""
+    for number, name in enumerate(chain.channels):
+        call = DERIVED_CHANNEL.fullmatch(name)
+        if call and call[1] == "lag":
+            yield number, name, call[2], float(call[3])
+
+
+def history_of(chain: Chain, table: pd.DataFrame) -> dict[str, list[float]]:
+    """State of each lagged channel at the end of a recording; none of a channel whose rows have several clocks."""
+    out = {}
+    for _, name, base, _ in _lags(chain):
+        if base not in table or "time" not in table or np.ptp(clocks(table, base)):
+            continue
+        time = channel(table, "time")
+        last = int(np.argmax(time))
+        if time[last] > time.min():
+            out[name] = [float(values[last]) for values in (time, channel(table, base), channel(table, name))]
+    return out
+
+
+def continued(chain: Chain, history: History, table: pd.DataFrame, columns: list[Array]) -> list[Array]:
+    """The columns of later commands, of which lagged channels go on from the recording's end.
+
+    Between the end and the first row the temperature is taken to change evenly. Rows at one time are states, each in
+    equilibrium; rows that begin before the recording's end have another clock, or other temperatures.
+    """
+    out = list(columns)
+    for number, name, base, tau in _lags(chain):
+        if not _goes_on(history.get(name), table, base):
+            continue
+        end, warm, state = history[name]
+        time, values = channel(table, "time"), channel(table, base)
+        first = int(np.argmin(time))
+        start = lagged(np.array([end, time[first]]), np.array([warm, values[first]]), tau)[1]
+        start += (state - warm) * np.exp(-(time[first] - end) / tau)
+        out[number] = columns[number] + (start - values[first]) * np.exp(-(time - time[first]) / tau)
+    return out
+
+
+def _goes_on(state: Sequence[float] | None, table: pd.DataFrame, base: str) -> bool:
+    """Whether commands have one clock, and come after the recording's end."""
+    if state is None or np.ptp(clocks(table, base)):
+        return False
+    time = channel(table, "time")
+    return bool(time.min() >= state[0] and np.ptp(time) > 0)
+
+
+def started_anew(chain: Chain, history: History, table: pd.DataFrame) -> Iterator[str]:
+    """A note on lagged channels that do not go on from the recording: they start in equilibrium."""
+    names = [base for _, name, base, _ in _lags(chain) if not _goes_on(history.get(name), table, base)]
+    if names:
+        yield (
+            f"{', '.join(dict.fromkeys(names))} acts late, and what it was before the first row is not known: it is "
+            "taken to have been as in that row for long (in each row, where all have one time). Times that go on after "
+            "the recording's end, on its clock, continue it"
+        )

@@ -1,0 +1,63 @@
+"""Lagged temperatures of later commands go on from where the recording ended, or it is said that they do not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from errormodel.chain import Chain
+from errormodel.machine import EffectSpec
+from errormodel.machine_file import read_machine
+from errormodel.simulation import random_points
+from identification.uncertainty.lag_history import continued, history_of, started_anew
+
+LAG = "lag(T_bed,1800)"
+
+
+@pytest.fixture(scope="module")
+def chain() -> Chain:
+    spec = EffectSpec("structure-drift", {"element": "column", "motion": "dy", "sensor": "T_bed", "tau": 1800.0})
+    return Chain(replace(read_machine("vertical_three_axis"), effects=(spec,)))
+
+
+def warming(chain: Chain, rows: int = 80) -> pd.DataFrame:
+    time = np.sort(np.random.default_rng(3).uniform(0, 9000, rows))
+    bed = 20 + 30 * (1 - np.exp(-time / 1500)) + np.sin(time / 300)
+    return random_points(chain.machine, rows, 1).assign(time=time, T_bed=bed, file="s.csv")
+
+
+def test_two_halves_are_the_whole(chain: Chain) -> None:
+    table = warming(chain)
+    number = chain.channels.index(LAG)
+    whole = chain.columns(table)[number]
+    first, later = table.iloc[:50], table.iloc[50:].reset_index(drop=True)
+    anew = chain.columns(later)
+    history = history_of(chain, first)
+    went_on = continued(chain, history, later, anew)
+    np.testing.assert_allclose(went_on[number], whole[50:], rtol=1e-12)
+    assert np.abs(anew[number] - whole[50:]).max() > 2  # K: what a start in equilibrium makes of it
+    assert all(a is b for k, (a, b) in enumerate(zip(went_on, anew, strict=True)) if k != number)
+    assert not list(started_anew(chain, history, later))
+
+
+@pytest.mark.parametrize("case", ["earlier times", "one time", "clocks of their own", "recorded with clocks"])
+def test_other_clocks_start_anew(chain: Chain, case: str) -> None:
+    table = warming(chain)
+    first, later = table.iloc[:50], table.iloc[50:].reset_index(drop=True)
+    if case == "earlier times":
+        later["time"] -= 6000
+    elif case == "one time":
+        later["time"] = 9000.0
+    elif case == "clocks of their own":
+        later["file"] = np.repeat(["p.csv", "q.csv"], 15)
+    else:
+        first = first.assign(file=np.repeat(["s.csv", "r.csv"], 25))
+    history = history_of(chain, first)
+    assert bool(history) == (case != "recorded with clocks")
+    anew = chain.columns(later)
+    assert all(a is b for a, b in zip(continued(chain, history, later, anew), anew, strict=True))
+    (note,) = started_anew(chain, history, later)
+    assert note.startswith("T_bed acts late")
