@@ -166,11 +166,11 @@ class Ballbar:
 
 CIRCLE_SAID = {
     "a row missing": " a gap of ", "an arc": "of 360 degrees only", "rows shifted": "apart in the two senses",
-    "two balls": "apart in the two senses",
+    "two balls": "apart in the two senses", "sense of one direction": "apart in the two senses",
 }  # fmt: skip
 SAID = "said: "
 CIRCLE_WRONG = (
-    "right", "sense", "sense of one direction", "two readings exchanged", "mm for um", *CIRCLE_SAID,
+    "right", "sense", "two readings exchanged", "mm for um", *CIRCLE_SAID,
 )  # fmt: skip
 OF_COLUMN = ("sense", "sense of one direction")  # which nothing but the file's own column shows
 
