@@ -206,5 +206,5 @@ def test_angles_of_both_directions_in_growing_order_take_theirs_from_the_column(
     # readings of one direction at the mirrored angles: the ball is elsewhere
     mirrored = [f"{a.split(',')[0]},{b.split(',')[1]}" for a, b in zip(lines[4:184], lines[184:], strict=True)]
     (folder / "t.csv").write_text(directed("\n".join([*lines[:184], *mirrored]) + "\n", words))
-    with pytest.raises(InputError, match="the ball lies .* um apart in the two senses"):
+    with pytest.raises(InputError, match=r"the ball lies .* um apart in the two senses"):
         import_survey(folder / "t.csv", MILL, centre=CENTRE)
