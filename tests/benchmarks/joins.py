@@ -166,7 +166,7 @@ class Ballbar:
 
 CIRCLE_SAID = {
     "a row missing": " a gap of ", "an arc": "of 360 degrees only", "rows shifted": "apart in the two senses",
-    "two balls": "apart in the two senses", "sense of one direction": "apart in the two senses",
+    "two balls": "apart in the two senses", "sense of one direction": "angles of both directions in one order",
 }  # fmt: skip
 SAID = "said: "
 CIRCLE_WRONG = (
@@ -211,7 +211,7 @@ def circle_trial(rng: np.random.Generator, folder: Path) -> tuple[str, dict[str,
         (folder / "XY.csv").write_text(text)
         try:
             found = import_survey([folder / f"{p}.csv" for p in PLANES], machine, centre=centre)
-            told = " ".join(t.line for t in found.imported.traces)
+            told = found.summary()
             out[what] = f"{SAID}{told}" if what in CIRCLE_SAID and CIRCLE_SAID[what] in told else ""
         except InputError as error:
             out[what] = f"{error.found}. {error.cure}"
