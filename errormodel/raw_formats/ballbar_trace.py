@@ -90,12 +90,11 @@ class BallbarTrace(RawFormat):
             if not is_unit(own, "length"):
                 raise InputError(raw.name, f"the unit '{own}' of the column {reading}", "Say it with --units length=mm")
             length = to_internal(numbers(recording, reading, raw.name), own, "length")
-        side = senses_of(turned)
-        _refuse_other_sense(raw, recording, side, asked, head)
+        side, listed = _stated_senses(raw, recording, senses_of(turned), asked, head)
         stated = {
             name: match[1].upper() for name, p in (("plane", _PLANE), ("feed", _FEED)) if (match := p.search(head))
         }
-        notes = (*recording.notes, f"{len(length)} lengths from {length.min():.4f} to {length.max():.4f} mm")
+        notes = (*recording.notes, *listed, f"{len(length)} lengths from {length.min():.4f} to {length.max():.4f} mm")
         if asked.circle is None or asked.machine is None:
             table = pd.DataFrame({"angle": np.degrees(turned), "length": length, "side": side})
             if "plane" in stated:
@@ -123,8 +122,16 @@ def _size(match: re.Match[str] | None) -> float:
     return float(match[1].replace(",", ".")) * factor(unit_word(match[2] or "mm"), "length")
 
 
-def _refuse_other_sense(raw: RawFile, recording: Recording, side: Array, asked: Asked, head: str) -> None:
-    """InputError where a column of words says another sense than the angles run in."""
+def _stated_senses(
+    raw: RawFile, recording: Recording, side: Array, asked: Asked, head: str
+) -> tuple[Array, tuple[str, ...]]:
+    """Senses (n,) by a column of words where the angles of both are listed in one order, else as they run; notes.
+
+    Raises
+    ------
+    InputError
+        The words contradict the angles.
+    """
     for name in map(str, recording.frame):
         column = recording.frame[name]
         said = turning(column) if column.dtype.kind not in "fiu" else None
@@ -138,13 +145,17 @@ def _refuse_other_sense(raw: RawFile, recording: Recording, side: Array, asked: 
         if not len(product):
             continue
         differs = np.flatnonzero(~near)[product != np.sign(product.sum() or 1.0)]
+        stated = _PLANE.search(head)
+        plane = (asked.circle.plane if asked.circle is not None else "") or (stated[1].upper() if stated else "")
+        blocks = np.split(np.arange(len(side)), np.flatnonzero(np.diff(said)) + 1)
+        if len(differs) and len(blocks) > 1 and all(len({*side[b][~near[b]].tolist()}) < 2 for b in blocks):
+            note = f"angles of both directions in one order: the direction of travel is that of the column {name}"
+            return (said if plane in CYCLIC else -said), (note,)
         if len(differs):
             row = int(differs[0])
             line = f"line {recording.lines[row]}, " if recording.lines else ""
             found = f"{column.iloc[row]} where the angle {'grows' if side[row] > 0 else 'falls'}, unlike in other rows"
             raise InputError(f"{raw.name}, {line}column {name}", found, "Give the trace as the instrument wrote it")
-        stated = _PLANE.search(head)
-        plane = (asked.circle.plane if asked.circle is not None else "") or (stated[1].upper() if stated else "")
         if product[0] < 0 and plane in CYCLIC:
             word = column.iloc[int(np.flatnonzero(~near)[0])]
             found = (
@@ -153,4 +164,5 @@ def _refuse_other_sense(raw: RawFile, recording: Recording, side: Array, asked: 
             )
             cure = f"If the angle counts clockwise from {plane[0]}, say --plane {plane[::-1]} --start 90"
             raise InputError(f"{raw.name}, column {name}", found, f"{cure}; else say which axes it counts between")
-        return
+        break
+    return side, ()

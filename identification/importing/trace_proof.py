@@ -21,10 +21,9 @@ SINGLE = 8.0  # standard deviations: a reading so far off its neighbours is none
 FITS = 4.0  # standard deviations: so near, it belongs there
 LEAST = 1e-4  # mm: a scatter below is the resolution of a file
 QUADRANT = 5.0  # degrees, or `WINDOW` rows, beside the places where an axis reverses
-CLEAR, USUAL_PEAK = (
-    0.1,
-    0.02,
-)  # of two peaks there: apart in each other's place, of their size; mm, smaller ones are usual
+# of what a reading is off in the other place: so far may one beside a reversal be off in its own; if both are there
+CLEAR, CLEAR_BOTH = 0.8, 0.35
+USUAL_PEAK = 0.02  # mm: smaller peaks are usual there
 ORDER = 4  # waves a turn that a machine's errors have, at most
 MOST_ROWS = 400  # by which readings are shifted, to either side
 FEWEST = 40  # readings of each sense
@@ -96,7 +95,8 @@ def refuse_exchanged(circle: Circle, where: str) -> int:
             size = min(abs(off[i]), abs(off[j]))
             apart = np.abs([circle.length[j] - middle[i], circle.length[i] - middle[j]])
             peaks = reverses[[i, j]]  # single readings off their neighbours are usual there
-            near = np.where(peaks, max(FITS * scatter, CLEAR * size), FITS * scatter)
+            clear = CLEAR_BOTH if peaks.all() else CLEAR
+            near = np.where(peaks, max(FITS * scatter, clear * size), FITS * scatter)
             if (apart < near).all() and off[i] * off[j] < 0 and not (peaks.all() and size < USUAL_PEAK):
                 rows = f"lines {circle.lines[i]} and {circle.lines[j]}" if circle.lines else f"rows {i + 1} and {j + 1}"
                 found = (
@@ -129,7 +129,7 @@ def refuse_shifted(circle: Circle, where: str) -> str:
     free = float(_left(both, circle.length[:, None])[0])
     coefficients = np.linalg.lstsq(both, circle.length, rcond=None)[0]
     apart = 2 * float(np.hypot(*coefficients[-2:]))
-    if here < 1.5 * max(free, LEAST):
+    if here < 1.5 * max(min(free, float(left[best])), LEAST):
         return ""
     says = f"the ball lies {1e3 * apart:.3g} um apart in the two senses"
     if best != size and here > BETTER * left[best] and left[best] < ALIKE * free:

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from errormodel.arrays import Array, Index
 from errormodel.exceptions import InputError
 from errormodel.observations import registry
-from errormodel.raw_formats.commanded_circle import senses_of
 from identification.importing.sources import SourceFile
 from identification.importing.trace_proof import Circle, common_ball, refuse_exchanged, refuse_shifted, row_places
 
@@ -102,17 +102,23 @@ def _trace(source: SourceFile, label: str, plane: str) -> Trace:
         size = f"the ball {off:.3g} mm off, {np.ptp(left):.3g} mm peak to peak around it"
         cure = "Look for another unit of the deviations, or another radius"
         raise InputError(source.raw.name, f"deviations that are none of a circle of {radius:g} mm: {size}", cure)
-    turning = np.sign(at[:-1, 0] * at[1:, 1] - at[1:, 0] * at[:-1, 1])
-    both = bool((turning > 0).any() and (turning < 0).any())
     rows = np.flatnonzero(seen)
     angle = np.unwrap(np.arctan2(at[rows, 1], at[rows, 0]))
     ball = dict(zip(plane, (-found[:2]).tolist(), strict=True))
-    run = Circle(angle, senses_of(angle), length[rows], row_places(rows, source.recording.lines))
+    run = Circle(angle, _senses(source, plane, angle, rows), length[rows], row_places(rows, source.recording.lines))
+    both = len({*run.sense.tolist()}) > 1
     says = (*_singles(refuse_exchanged(run, source.raw.name)), *_parts(run), *[refuse_shifted(run, source.raw.name)])
     return Trace(
         source, label, plane, radius, both, 1e3 * off, 1e3 * float(np.ptp(left)), ball, dict(circle.centre),
         tuple(s for s in says if s),
     )  # fmt: skip
+
+
+def _senses(source: SourceFile, plane: str, angle: Array, rows: Index) -> Array:
+    """1 where the angle grew on the way to a reading, else -1, (n,): from the sides that the axes came from."""
+    first, second = (source.column(f"dir_{axis}")[rows] for axis in plane)
+    grows = second * np.cos(angle) - first * np.sin(angle)
+    return np.asarray(np.where(grows >= 0, 1.0, -1.0))
 
 
 def _singles(count: int) -> Iterator[str]:

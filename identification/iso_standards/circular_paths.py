@@ -5,7 +5,7 @@ They are those of measured points, or what a telescoping bar reads around its ba
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING
@@ -40,6 +40,7 @@ class Circle:
     radial : (1 + draws, n) mm, outward, about the nominal centre; `sense` (n,) +1 counter-clockwise, -1 clockwise.
     sized : whether the radial deviations are from the commanded radius; else from a length that is not known.
     bar : length in mm that the readings of a bar were taken as deviations from; NaN: of measured points.
+    label : of the observation of a bar; empty: of measured points.
     """
 
     axes: tuple[str, str]
@@ -49,6 +50,7 @@ class Circle:
     sense: Array
     sized: bool = True
     bar: float = float("nan")
+    label: str = ""
 
     @property
     def name(self) -> str:
@@ -63,6 +65,12 @@ def circles_of(survey: Survey, machine: Machine) -> Iterator[Circle]:
     """The circles in a survey, those of measured points first."""
     yield from _of_points(survey, machine)
     yield from _of_bars(survey, machine)
+
+
+def arcs_of(survey: Survey, found: Sequence[Circle]) -> list[str]:
+    """Observations of a bar along a circle that are none of those found: arcs, or too few readings."""
+    traced = [g.label for g in groups(survey.table, survey.observations) if g.observation.trace == "circle"]
+    return [label for label in dict.fromkeys(traced) if label not in {c.label for c in found}]
 
 
 def _of_points(survey: Survey, machine: Machine) -> Iterator[Circle]:
@@ -114,7 +122,7 @@ def _of_bars(survey: Survey, machine: Machine) -> Iterator[Circle]:
         drawn = _drawn(radial, None if group.sigma is None else group.sigma[seen], rng)
         a, b = (joints[k].name for k in moved)
         length = float("nan") if bar is None else bar
-        yield Circle((a, b), radius, angle, drawn, sense, bar is not None, length)
+        yield Circle((a, b), radius, angle, drawn, sense, bar is not None, length, group.label)
 
 
 def _drawn(radial: Array, std: Array | None, rng: np.random.Generator) -> Array:

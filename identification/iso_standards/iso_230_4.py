@@ -17,7 +17,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 from identification.iso_standards.base import Chart, Evaluation, Quantity, Standard, spread, text
-from identification.iso_standards.circular_paths import Circle, circles_of
+from identification.iso_standards.circular_paths import Circle, arcs_of, circles_of
 from identification.iso_standards.fitted import FittedMachine
 
 if TYPE_CHECKING:
@@ -104,7 +104,9 @@ class Circles(Standard):
             raise self.lacking(survey, what)
         known = len(found[0].radial) > 1
         basis = "noise of the instrument as declared" if known else "the survey declares no noise of its instrument"
-        return _evaluation(self, f"survey {survey.source.name}", found, basis, tuple(_bar_notes(found)))
+        return _evaluation(
+            self, f"survey {survey.source.name}", found, basis, tuple(_bar_notes(found, arcs_of(survey, found)))
+        )
 
     def of_fit(self, model: FittedMachine) -> Evaluation:
         linear = model.linear
@@ -118,8 +120,10 @@ class Circles(Standard):
         return _evaluation(self, model.source, found, "covariance of the fit", notes)
 
 
-def _bar_notes(found: Sequence[Circle]) -> Iterator[str]:
-    """What figures of lengths of a bar rest on."""
+def _bar_notes(found: Sequence[Circle], arcs: Sequence[str]) -> Iterator[str]:
+    """What figures of lengths of a bar rest on, and which traces have none."""
+    if arcs:
+        yield f"no figures of {', '.join(arcs)}: less than 300° of a circle, or too few readings"
     lengths = dict.fromkeys(f"{c.bar:.7g} mm" for c in found if np.isfinite(c.bar))
     if lengths:
         yield f"F and D rest on the bar's calibrated length ({', '.join(lengths)}), which its survey states"

@@ -131,8 +131,8 @@ class Ballbar:
     noise: float
     named: bool  # whether the file has a column of directions
 
-    def plane(self, mistake: str, rng: np.random.Generator) -> pd.DataFrame:
-        """Readings in XY with a mistake."""
+    def plane(self, mistake: str, rng: np.random.Generator) -> pd.DataFrame | None:
+        """Readings in XY with a mistake; None where none of it is large enough."""
         part = self.table[self.table["plane"] == "XY"].reset_index(drop=True).copy()
         n, y = len(part), part["length"].to_numpy().copy()
         angle = np.radians(part["angle"])
@@ -148,6 +148,8 @@ class Ballbar:
         elif mistake == "rows shifted":
             wave = 2 * float(np.hypot(np.mean(y * np.cos(angle)), np.mean(y * np.sin(angle))))
             sizes = [k for k in range(1, n // 5) if 2 * wave * np.sin(2 * np.pi * k / (n / 2)) > max(large, 0.012)]
+            if not sizes:
+                return None
             y = np.roll(y, int(rng.choice([-1, 1])) * int(rng.choice(sizes)))
         elif mistake == "two balls":
             place = rng.uniform(0, 2 * np.pi)
@@ -162,10 +164,13 @@ class Ballbar:
         return part.assign(length=y)
 
 
-CIRCLE_SAID = {"a row missing": " a gap of ", "an arc": "of 360 degrees only"}
+CIRCLE_SAID = {
+    "a row missing": " a gap of ", "an arc": "of 360 degrees only", "rows shifted": "apart in the two senses",
+    "two balls": "apart in the two senses", "sense of one direction": "angles of both directions in one order",
+}  # fmt: skip
+SAID = "said: "
 CIRCLE_WRONG = (
-    "right", "sense", "sense of one direction", "two readings exchanged", "rows shifted", "two balls", "mm for um",
-    *CIRCLE_SAID,
+    "right", "sense", "two readings exchanged", "mm for um", *CIRCLE_SAID,
 )  # fmt: skip
 OF_COLUMN = ("sense", "sense of one direction")  # which nothing but the file's own column shows
 
@@ -195,6 +200,8 @@ def circle_trial(rng: np.random.Generator, folder: Path) -> tuple[str, dict[str,
     out = {}
     for what in CIRCLE_WRONG:
         part = made.plane(what, rng)
+        if part is None:
+            continue
         text = trace(part, "XY")
         if made.named or what in OF_COLUMN:
             sense = np.where(np.arange(len(part)) < len(made.table) // 6, "CCW", "CW")
@@ -204,8 +211,8 @@ def circle_trial(rng: np.random.Generator, folder: Path) -> tuple[str, dict[str,
         (folder / "XY.csv").write_text(text)
         try:
             found = import_survey([folder / f"{p}.csv" for p in PLANES], machine, centre=centre)
-            told = " ".join(t.line for t in found.imported.traces)
-            out[what] = told if what in CIRCLE_SAID and CIRCLE_SAID[what] in told else ""
+            told = found.summary()
+            out[what] = f"{SAID}{told}" if what in CIRCLE_SAID and CIRCLE_SAID[what] in told else ""
         except InputError as error:
             out[what] = f"{error.found}. {error.cure}"
     return f"{len(made.table) // 6} readings a turn, noise {1e3 * made.noise:g} um", out
@@ -216,17 +223,20 @@ def main() -> None:
     of_circles = words[:1] == ["circles"]
     numbers = [int(w) for w in words[of_circles:]]
     trials, seed = (numbers[k] if len(numbers) > k else own for k, own in ((0, 100), (1, 7)))
-    survived: Counter[str] = Counter()
+    survived, said, tried = Counter[str](), Counter[str](), Counter[str]()
     for number in range(trials):
         rng = np.random.default_rng([seed, number])
         with tempfile.TemporaryDirectory() as folder:
             shown, out = (circle_trial if of_circles else trial)(rng, Path(folder))
         for what, message in out.items():
+            tried[what] += 1
             survived[what] += not message
+            said[what] += message.startswith(SAID)
             if (what == "right") == bool(message):
                 print(f"{number}: {shown}: {what}: {message or 'survived'}", flush=True)
     for what in CIRCLE_WRONG if of_circles else WRONG:
-        print(f"{what}: {survived[what]} of {trials} went through")
+        words = f", {said[what]} said and not refused" if said[what] else ""
+        print(f"{what}: {survived[what]} of {tried[what]} went through{words}")
 
 
 if __name__ == "__main__":

@@ -141,6 +141,8 @@ def test_what_one_plane_cannot_see_is_untestable() -> None:
     found = diagnose(MACHINE, one).diagnosis
     assert found.verdict == "adequate"
     reasons = {u.effect: u.reason for u in found.untestable}
+    # in a circle x^n sin(a), a bow of X, is what x^(n-1) y cos(a) is, a turn of X; the model has bows of degree 2
+    assert any(u.reason.startswith("of degree 3: ") and "EYX" in u.reason for u in found.untestable)
     assert reasons["backlash"] == "at Z: Z always arrived from the same side"  # that of X and Y is shown
     assert "Z did not move" in reasons["pitch-cyclic"]
     # all that acts across the plane changes no length

@@ -188,3 +188,23 @@ def test_an_angle_that_counts_otherwise_shows_by_the_ball_of_three_circles(tmp_p
     result = import_survey(files, MILL, centre=CENTRE)
     (warning,) = [n for n in result.notes if "balls" in n]
     assert "that of XY as with --start 270" in warning
+
+
+def test_angles_of_both_directions_in_growing_order_take_theirs_from_the_column(folder: Path) -> None:
+    """Many programs list each direction from 0 to 360 degrees: the words say which way it was run."""
+    text, words = (folder / "XY.csv").read_text(), ["G3"] * 180 + ["G2"] * 180
+    lines = text.splitlines()
+    right = import_survey(folder / "XY.csv", MILL, centre=CENTRE).survey.table
+    sorted_rows = [*lines[4:184], *lines[184:][::-1]]
+    (folder / "t.csv").write_text(directed("\n".join([*lines[:4], *sorted_rows]) + "\n", words))
+    result = import_survey(folder / "t.csv", MILL, centre=CENTRE)
+    assert "the direction of travel is that of the column Richtung" in result.summary()
+    own = result.survey.table
+    np.testing.assert_allclose(own["length"].to_numpy()[180:], right["length"].to_numpy()[180:][::-1])
+    inner = slice(185, 355)  # where the direction turns, rows may count to either
+    np.testing.assert_array_equal(own["dir_X"].to_numpy()[inner], right["dir_X"].to_numpy()[::-1][5:175])
+    # readings of one direction at the mirrored angles: the ball is elsewhere
+    mirrored = [f"{a.split(',')[0]},{b.split(',')[1]}" for a, b in zip(lines[4:184], lines[184:], strict=True)]
+    (folder / "t.csv").write_text(directed("\n".join([*lines[:184], *mirrored]) + "\n", words))
+    with pytest.raises(InputError, match=r"the ball lies .* um apart in the two senses"):
+        import_survey(folder / "t.csv", MILL, centre=CENTRE)

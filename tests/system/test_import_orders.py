@@ -156,3 +156,26 @@ def test_a_declared_uncertainty_that_is_too_large_beside_the_one_seen(tmp_path: 
     result = done("fit", MILL, tmp_path / "data.csv", "--out", tmp_path / "f")
     assert "note: declared 5 um, seen " in result.err
     assert "um (seen; standard uncertainties follow the declared one)" in result.out
+
+
+def test_a_programme_that_was_cut_off_is_said_and_its_commands_find_their_readings(tmp_path: Path) -> None:
+    """Two passes one after the other, of which the programme holds the first half: each command finds two readings."""
+    commands = poses(11, 40)
+    both = np.vstack([points(commands, seed) for seed in (1, 2)])
+    words = written(tmp_path, commands, both)
+    cut = (tmp_path / "survey.nc").read_text().splitlines()
+    (tmp_path / "survey.nc").write_text("\n".join(cut[: 4 + 3 * 20]) + "\n")
+    with pytest.raises(InputError) as error:
+        import_survey(tmp_path / "tracker.txt", MILL, commands=tmp_path / "survey.nc")
+    assert "survey.nc: the programme has no end" in error.value.found
+    assert "with --match nearest 40 of 80 readings fit" in error.value.found
+    assert "parallel" not in error.value.cure
+    told = done(*words, "--match", "nearest").out
+    assert "joined 40 of 80 readings with 20 commands by the nearest" in told
+    assert "the programme has no end (M30, M2, END PGM): it may have been cut off" in told
+
+
+def test_another_programme_is_named_as_one(tmp_path: Path) -> None:
+    written(tmp_path, poses(12, 40), points(poses(11, 40)))
+    with pytest.raises(InputError, match="they are of another test, cut off, or the machine file is of another"):
+        import_survey(tmp_path / "tracker.txt", MILL, commands=tmp_path / "survey.nc")

@@ -108,3 +108,11 @@ def _zone(part: pd.DataFrame) -> float:
         options={"xatol": 1e-6, "fatol": 1e-9, "maxiter": 4000},
     )  # fmt: skip
     return float(best.fun)
+
+
+def test_an_arc_of_a_bar_has_no_figures_and_is_named() -> None:
+    table = circles(MACHINE, {}, np.random.default_rng(3), each=60)
+    short = table[(table["plane"] != "XY") | (table.index < 40)]
+    result = iso("230-4", MILL, replace(as_survey(MACHINE, short), source=Path("s")))
+    assert {q.name.partition(".")[0] for q in result.evaluations[0].quantities} == {"YZ", "XZ"}
+    assert any("no figures of XY: less than 300" in note for note in result.evaluations[0].notes)
