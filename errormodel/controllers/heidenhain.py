@@ -133,7 +133,7 @@ class Heidenhain(Controller):
     def checklist(self, setup: Setup) -> list[str]:
         return [
             "back up config.cma and the tables it names; AXISPOS counts from the machine datum (MP_refPosition), "
-            "and is here the position of the axis as the survey counted it: if that was another, add the difference",
+            "and is here the position as the survey counted it: add the difference where its zero was another",
             "copy the tables, check the column names against CfgAxes/axisList",
             "only one line of config.cma is active (*); take the star away to switch all of them off",
             "BACKLASH is empty: reversal errors stay with their own machine parameter",

@@ -91,10 +91,11 @@ class Conditions:
     def against(self, instead: str) -> str:
         """Why these tables should not be loaded, and what to use; empty: nothing speaks against them."""
         removed = 1 - self.left_um / self.before_um if self.before_um > 0 else 0.0
-        if removed >= LEAST_REMOVED_SHARE and self.worse_share <= MOST_WORSE_SHARE:
+        little = self.before_um <= 0 or self.left_um > (1 - LEAST_REMOVED_SHARE) * self.before_um
+        if not little and self.worse_share <= MOST_WORSE_SHARE:
             return ""
         why = list[str]()
-        if removed < LEAST_REMOVED_SHARE:
+        if little:
             taken = _percent(removed, LEAST_REMOVED_SHARE) if removed > 0 else "nothing"
             why.append(
                 f"this format takes away {taken} of the rms error ({self.before_um:.1f} um before, {self.left_um:.1f} "

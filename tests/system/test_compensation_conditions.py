@@ -212,7 +212,7 @@ def test_the_number_of_siemens_tables_is_said(worn: Path, tmp_path: Path) -> Non
     done("compensate", worn, "--controller", "siemens-cec", "--out", tmp_path)
     text = (tmp_path / "NC_CEC.INI").read_text()
     count = len(re.findall(r"INPUT_AXIS", text))
-    assert any(s.startswith(f"{count} tables of $AN_CEC are needed") for s in checklist(tmp_path))
+    assert any(s.startswith(f"FIRST: {count} tables of $AN_CEC are needed") for s in checklist(tmp_path))
 
 
 def test_a_name_of_several_lines_is_one_line_of_the_checklist(worn: Path, tmp_path: Path) -> None:

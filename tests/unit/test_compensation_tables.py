@@ -380,4 +380,6 @@ def test_a_scale_that_no_table_of_a_printer_holds_is_set_beside_them(name: str, 
     assert abs(found.scale) == pytest.approx(0.001, rel=0.01)
     assert words in found.line()
     assert f"multiply by {(gone / asked) ** power:.5f}" in found.line()
-    assert not scale_advice(volume, volume.setup(None, None)[0], target("csv"))
+    assert not scale_advice(volume, volume.setup(None, None)[0], target("isg"))
+    (csv,) = scale_advice(volume, volume.setup(None, None)[0], target("csv"))
+    assert "or leave it, since this table holds it as well" in csv.line()
