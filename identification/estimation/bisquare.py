@@ -23,6 +23,7 @@ BISQUARE_CUT_SIGMA = np.array([np.inf, 4.685, 5.123, 5.490])
 # Cost of "one component is wrong", in half squared sigma: that of a residual of 2.5 sigma, by judgement
 ONE_COMPONENT_COST = 3.0
 EXPLANATION_SHARPNESS = 3.0  # factor on the cost in the weights of the explanations, by judgement
+ROUND_OFF_SHARE = 1e-12  # of the largest weight of a row: smaller ones are round-off, since probabilities are not
 LEAST_EXPLANATION_PROBABILITY = 0.01  # less likely explanations are set to zero, by judgement: saves time
 
 
@@ -75,7 +76,8 @@ class Pull:
         weights, axes = (self.likely * self.bare)[:, self.mixed], self.axes[:, :, self.mixed]
         lost = np.einsum("jn,jan,jbn->nab", weights[1:], axes, axes)
         values, vectors = np.linalg.eigh(factor * (weights.sum(axis=0)[:, None, None] * np.eye(3) - lost))
-        return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]) @ vectors.transpose(0, 2, 1))
+        values[values < ROUND_OFF_SHARE * values[:, -1:]] = 0.0  # its root would not be small beside a far component
+        return np.asarray((vectors * np.sqrt(values)[:, None, :]) @ vectors.transpose(0, 2, 1))
 
 
 class Scale(Protocol):
@@ -142,21 +144,22 @@ def _explain(out: Pull, rows: Index, u: Array, m: Index, cost: Array, scale: Sca
     """Try "one component is wrong" for the given rows, and write the averaged psi into `out`."""
     axes = out.axes[:, :, rows]
     parts = np.einsum("jan,an->jn", axes, u)
-    rest = np.maximum(np.square(u).sum(axis=0) - parts**2, 0.0)
-    costs, weights, slopes = scale.rest(np.sqrt(rest), m - 1)
+    beside = u - axes * parts[:, None]  # (3, components, n), the digits of what is left beside a component far off
+    rest = np.linalg.norm(beside, axis=1)
+    costs, weights, slopes = scale.rest(rest, m - 1)
     measured = np.abs(axes).sum(axis=1) > 0
     every = np.vstack([cost, np.where(measured, costs + scale.price, np.inf)])
     p = np.exp(-scale.sharp * (every - every.min(axis=0)))
     p[1:][p[1:] < LEAST_EXPLANATION_PROBABILITY * p.sum(axis=0)] = 0.0
     p /= p.sum(axis=0)
     bare, slope = np.vstack([out.bare[0, rows], weights]), np.vstack([out.slope[rows], slopes])
-    pulls = np.concatenate([(bare[0] * u)[None], weights[:, None] * (u - axes * parts[:, None])])
+    pulls = np.concatenate([(bare[0] * u)[None], weights[:, None] * beside])
     psi = np.einsum("hn,han->an", p, pulls)
     spread = (p * np.square(pulls).sum(axis=1)).sum(axis=0) - np.square(psi).sum(axis=0)
     counts = np.vstack([m, *[m - 1] * 3])
     out.live[rows] = (p * counts * (bare > 0)).sum(axis=0)
     out.trace[rows] = (p * counts * bare).sum(axis=0)
-    out.along[rows] = (psi * u).sum(axis=0)
+    out.along[rows] = p[0] * bare[0] * np.square(u).sum(axis=0) + (p[1:] * weights * rest**2).sum(axis=0)
     out.square[rows] = np.square(psi).sum(axis=0)
     out.slope[rows] = (p * slope).sum(axis=0) - scale.sharp * spread
     out.likely[:, rows], out.bare[:, rows], out.alone[rows] = p, bare, np.abs(parts).max(axis=0)

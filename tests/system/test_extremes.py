@@ -104,18 +104,20 @@ def test_a_frame_a_hundred_metres_away(tmp_path: Path) -> None:
 
 
 def test_a_wild_reading(tmp_path: Path) -> None:
-    """Named by the plain fit; left out by the robust one, or refused where the frame cannot be found beside it."""
+    """Named by the plain fit and left out by the robust one, however far off it lies."""
     table = recorded(tmp_path, mill(), 50, 0.002)
     for value, words in ((1e9, "row 4 (line 5), column mx: 1000000000, beyond any machine"), (9e5, "row 4 lies")):
         table.loc[3, "mx"] = value
         table.to_csv(tmp_path / "wild.csv", index=False)
         assert words in refused(fit(tmp_path, survey="wild.csv"))
-    said = refused(fit(tmp_path, "--robust", survey="wild.csv"))
-    assert "no fit was found near which most rows lie. Fit without it, which names rows that lie far off" in said
-    table.loc[3, "mx"] = 1e4
-    table.to_csv(tmp_path / "wild.csv", index=False)
-    assert fit(tmp_path, "--robust", survey="wild.csv").code == 0
-    assert figures(tmp_path)["sigma_um"] == pytest.approx(2.0, rel=0.25)
+    noise = []
+    for value in (9e5, 1e2):
+        table.loc[3, "mx"] = value
+        table.to_csv(tmp_path / "wild.csv", index=False)
+        assert fit(tmp_path, "--robust", survey="wild.csv").code == 0
+        noise.append(figures(tmp_path)["sigma_um"])
+    assert noise[0] == pytest.approx(2.0, rel=0.25)
+    assert noise[1] == pytest.approx(noise[0], rel=1e-6)  # of its size nothing is left but the digits of the solver
 
 
 def test_joints_that_slide_along_one_line(tmp_path: Path) -> None:
