@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Mask
 from errormodel.controllers.base import Controller
 from errormodel.controllers.grids import hats, nodes
 from errormodel.controllers.setup import Setup
@@ -82,9 +82,9 @@ class Design:
         return sum(t.size for t in self.terms)
 
     @property
-    def _dear(self) -> Array:
-        """Weights of the frame's motions, shifts before turns, against each other."""
-        return np.where(np.arange(len(self.scale) - self.values) < 3, SHIFT_SHARE, 1.0)
+    def _turns(self) -> Mask:
+        """Which of the frame's motions are turns; shifts stand before them."""
+        return np.arange(len(self.scale) - self.values) >= 3
 
     @cached_property
     def gram(self) -> csc_matrix:
@@ -92,7 +92,7 @@ class Design:
         from scipy.sparse import csc_matrix, diags
 
         weights = np.full(self.matrix.shape[1], RIDGE_WEIGHT)
-        weights[self.values :] = FRAME_WEIGHT * self._dear
+        weights[self.values :] = FRAME_WEIGHT * np.where(self._turns, 1.0, SHIFT_SHARE)
         slight = diags(weights) + KINK_WEIGHT * self.kinks.T @ self.kinks
         return csc_matrix(self.matrix.T @ self.matrix + slight)
 
@@ -155,22 +155,22 @@ class Design:
     def stillest(self, least: Array, room: float) -> Array:
         """Solution (size,) that turns the frame least while the sum of squares exceeds that of `least` by `room`.
 
-        In an infinite room the frame does not turn, and its shifts are free.
+        Its shifts are free: a zero that is set anew takes them off, and a value that is tied to the machine's zero
+        would jump to where the measured rows begin. In an infinite room the frame does not turn.
 
         The values follow a given motion g of the frame linearly, and the sum of squares exceeds its minimum, at g0, by
         ``(g - g0)^T H (g - g0)``. The weight on turns that uses the room up is found by bisection.
         """
-        first, dear = least[self.values :], np.diag(self._dear)
-        if not first.any() or room <= 0:
+        first, turns = least[self.values :], np.diag(np.where(self._turns, 1.0, 0.0))
+        if not first[self._turns].any() or room <= 0:
             return least
         curved = np.linalg.inv(self._steered[self.values :])
 
         def at(weight: float) -> tuple[Array, float]:
-            away = np.linalg.solve(curved + weight * dear, curved @ first) - first
+            away = np.linalg.solve(curved + weight * turns, curved @ first) - first
             return away, float(away @ curved @ away)
 
         if np.isinf(room):
-            dear = np.diag(self._dear == 1.0) * 1.0
             return np.asarray(least + self._steered @ (curved @ at(MOST_TURN_WEIGHT)[0]), np.float64)
         low, high = -12.0, float(np.log10(MOST_TURN_WEIGHT))
         for _ in range(40):

@@ -155,7 +155,7 @@ def test_a_declared_uncertainty_that_is_too_large_beside_the_one_seen(tmp_path: 
     table.to_csv(tmp_path / "data.csv", index=False)
     result = done("fit", MILL, tmp_path / "data.csv", "--out", tmp_path / "f")
     assert "note: declared 5 um, seen " in result.err
-    assert "um (seen; standard uncertainties follow the declared one)" in result.out
+    assert "95 %, seen; standard uncertainties follow the declared one)" in result.out
 
 
 def test_a_programme_that_was_cut_off_is_said_and_its_commands_find_their_readings(tmp_path: Path) -> None:
