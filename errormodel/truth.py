@@ -14,7 +14,7 @@ from errormodel.chain import Chain
 from errormodel.exceptions import nearest
 
 # errors, other than of effects, beyond which nothing is a machine any more, so that the unit is a mistake; by judgement
-LARGEST = {"mm": 1e4, "rad": math.pi, "1": 0.5, "rad/mm": 0.1}
+LARGEST = {"mm": 100.0, "rad": math.pi, "1": 0.5, "rad/mm": 0.1}
 
 
 @dataclass(frozen=True)

@@ -256,7 +256,7 @@ def _notes(unused: list[str], ours: Mapping[str, str], machine: Machine) -> Iter
         near = _near(name, machine)
         if near == _SOME_DIRECTION:
             joints = ", ".join(machine_columns(machine))
-            yield f"column '{name}' is not used; did you mean '{near}' of a joint {joints}?"
+            yield f"column '{name}' is not used; did you mean '{near}' with one of {joints}?"
         elif near is None or near in ours:
             plain.append(name)
         else:

@@ -32,7 +32,7 @@ from identification.command_line.console import (
     show_notes,
     working,
 )
-from identification.command_line.start import exit_code, interruption_behind
+from identification.command_line.interruption import exit_code, interruption_behind
 from identification.results.terminal import one_line
 
 if TYPE_CHECKING:

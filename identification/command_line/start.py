@@ -11,6 +11,8 @@ import sys
 import threading
 from types import FrameType
 
+from identification.command_line.interruption import exit_code, interruption_behind
+
 PATIENCE_S = 5.0  # s after a signal; a library may have lost the interruption, or a thread goes on; by judgement
 WORD = "stopped: what was not finished was not put in place"
 
@@ -39,18 +41,6 @@ def entry() -> None:
 def _say_so(interruption: KeyboardInterrupt) -> None:
     print(f"\n{WORD}", file=sys.stderr)  # noqa: T201  click may not be loaded yet
     sys.exit(exit_code(interruption))
-
-
-def interruption_behind(error: BaseException | None) -> KeyboardInterrupt | None:
-    """The interruption behind an error, if any: a library that calls back into Python turns it into its own."""
-    if error is None or isinstance(error, KeyboardInterrupt):
-        return error
-    return interruption_behind(error.__cause__ or error.__context__)
-
-
-def exit_code(interruption: KeyboardInterrupt | None) -> int:
-    """128 and the number of the signal, SIGINT where an interruption does not state it."""
-    return 128 + int(interruption.args[0] if interruption is not None and interruption.args else signal.SIGINT)
 
 
 def _open_closed_streams() -> None:

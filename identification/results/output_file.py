@@ -132,6 +132,12 @@ def check_name(path: Path) -> None:
         raise InputError(str(path), reason, "Give another name")
 
 
+def doubts_on_name(path: Path) -> tuple[str, ...]:
+    """A note where Windows cannot have a file or folder of this name, though this system can."""
+    reason = impossible_on_windows(path.name)
+    return (f"{path}: {reason}: it cannot be copied to a computer with Windows",) if reason else ()
+
+
 def same(one: Path, other: Path) -> bool:
     """Whether two paths lead to the same file or folder, links included."""
     try:
