@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
 import subprocess
 import sys
 import time
@@ -227,7 +225,7 @@ def test_a_killed_command_resumes(shaped: Path):
         if list(chain.glob("piece_*.npz")) or process.poll() is not None:
             break
         time.sleep(0.02)
-    os.kill(process.pid, signal.SIGKILL)
+    process.kill()
     process.wait()
     assert list(chain.glob("piece_*.npz"))
     assert not (shaped / "killed" / "fit.json").exists()
