@@ -145,11 +145,14 @@ def test_a_worker_that_is_killed_costs_nothing(made: Path, tmp_path: Path) -> No
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGINT"], ids=["killed", "Ctrl-C"])
 def test_a_run_that_was_stopped_goes_on_where_it_was(name: str, made: Path, tmp_path: Path) -> None:
     how = signal.Signals[name]
-    out = tmp_path / "out"
-    process = started("fleet", made / "list.csv", "--out", out, "--workers", 2)
-    wait_for(out, 2)
-    process.send_signal(how)
-    process.communicate(timeout=60)  # hangs where a worker of it goes on
+    for attempt in range(3):
+        out = tmp_path / f"out_{attempt}"
+        process = started("fleet", made / "list.csv", "--out", out, "--workers", 2)
+        wait_for(out, 2)
+        process.send_signal(how)
+        process.communicate(timeout=60)  # hangs where a worker of it goes on
+        if process.returncode:  # else it had finished before, while a busy computer kept this one waiting
+            break
     assert process.returncode == (130 if how == signal.SIGINT else -how)
     before = times(out)
     assert 2 <= len(before) < MACHINES
