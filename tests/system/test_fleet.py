@@ -160,7 +160,9 @@ def test_a_run_that_was_stopped_goes_on_where_it_was(name: str, made: Path, tmp_
 
 
 def started(*arguments: object) -> subprocess.Popen[str]:
-    start = "from identification.command_line.start import entry; entry()"
+    # interrupted like a command in a terminal, where these tests themselves run in the background and are not
+    start = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    start += "from identification.command_line.start import entry; entry()"
     return subprocess.Popen(
         [sys.executable, "-c", start, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
