@@ -28,7 +28,7 @@ class InputError(ErrorModelError):
         self.where, self.found, self.cure = where, found, cure
 
     def __str__(self) -> str:
-        return f"{self.where}: {self.found}. {self.cure}"
+        return f"{self.where}: {self.found}" + (f". {self.cure}" if self.cure else "")
 
 
 class EffectError(InputError):
@@ -40,11 +40,13 @@ class EffectError(InputError):
 
 
 def nearest(name: str, valid: Iterable[str], most: int | None = None) -> str:
-    """Return ``did you mean 'X'? Valid: ...`` for a name not among `valid`; at most `most` are listed."""
+    """Return ``did you mean 'X'? Valid: ...`` for a name not among `valid` (at most `most` listed), or nothing."""
     names = sorted(valid)
+    if not names:
+        return ""
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     if not close:  # names such as `x` for `X` differ in case only
         close = [n for n in names if n.lower() == name.lower()][:1]
     hint = f"Did you mean '{close[0]}'? " if close else ""
     more = f" and {len(names) - most} more" if most is not None and len(names) > most else ""
-    return f"{hint}Valid: {', '.join(names[:most]) if names else '(none)'}{more}"
+    return f"{hint}Valid: {', '.join(names[:most])}{more}"

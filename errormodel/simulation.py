@@ -18,7 +18,7 @@ from errormodel.exceptions import InputError, nearest
 from errormodel.instruments.base import Instrument
 from errormodel.machine import Machine, Vector
 from errormodel.surveys.columns import MEASURED, ORIENTATION, first_pose
-from errormodel.truth import Truth, read_truth
+from errormodel.truth import Truth, read_truth, wrong_with
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -178,10 +178,9 @@ def simulate(
     if isinstance(parameters, str | Path):
         truth = read_truth(Path(parameters), chain)
     else:
-        for identity in parameters or {}:
-            if identity not in chain.index:
-                found = f"the machine has no parameter '{identity}'"
-                raise InputError("parameters", found, nearest(identity, chain.ids))
+        for identity, value in (parameters or {}).items():
+            if wrong := wrong_with(identity, value, chain):
+                raise InputError(f"parameters, {identity}", *wrong)
         a, b, c = np.radians(rotation).tolist()
         truth = Truth(parameters or {}, translation, (a, b, c), observations or {})
     if unknown := [label for label in truth.set_ups if label not in entries]:

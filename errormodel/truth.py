@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +11,10 @@ from typing import Annotated
 import numpy as np
 
 from errormodel.chain import Chain
-from errormodel.exceptions import InputError, nearest
+from errormodel.exceptions import nearest
+
+# errors, other than of effects, beyond which nothing is a machine any more, so that the unit is a mistake; by judgement
+LARGEST = {"mm": 1e4, "rad": math.pi, "1": 0.5, "rad/mm": 0.1}
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,7 @@ def read_truth(path: Path, chain: Chain) -> Truth:
     Raises
     ------
     InputError
-        The file is not such a mapping, or an id is not one of the machine's.
+        The file is not such a mapping, an id is not one of the machine's, or a value is no machine's.
     """
     from pydantic import Field, FiniteFloat
 
@@ -57,14 +61,21 @@ def read_truth(path: Path, chain: Chain) -> Truth:
 
     document = yamlfile.load(path)
     form = yamlfile.validate(document, TruthForm)
-    for identity in form.parameters:
-        if identity not in chain.index:
-            line = document.line_of(("parameters", identity))
-            raise InputError(
-                f"{path}, line {line}, key parameters.{identity}",
-                f"the machine has no parameter '{identity}'",
-                nearest(identity, chain.ids),
-            )
+    for identity, value in form.parameters.items():
+        if wrong := wrong_with(identity, value, chain):
+            raise document.error(("parameters", identity), *wrong)
     x, y, z = form.frame.translation
     a, b, c = np.radians(form.frame.rotation).tolist()
     return Truth(form.parameters, (x, y, z), (a, b, c), form.observations)
+
+
+def wrong_with(identity: str, value: float, chain: Chain) -> tuple[str, str] | None:
+    """What is wrong with a parameter's id or value, and what to write instead, in words; None where nothing is."""
+    if identity not in chain.index:
+        return f"the machine has no parameter '{identity}'", nearest(identity, chain.ids)
+    parameter = chain.parameters[chain.index[identity]]
+    most = math.inf if identity in chain.frame_ids or math.isfinite(parameter.size) else LARGEST.get(parameter.unit)
+    if most is None or abs(value) <= most:
+        return None
+    unit = "mm/mm" if parameter.unit == "1" else parameter.unit
+    return f"{value:g} {unit}, which is no machine's error", f"Write it in {unit}, at most {most:g} in size"

@@ -60,6 +60,7 @@ _COLUMN_NAMES = (
     *TEXT_COLUMNS,
 )
 
+_SOME_DIRECTION = "dir_<joint>"
 # Usual other names of columns, in lower case without blanks and underscores.
 _COLUMN_ALIASES = (
     (r"(?:m|meas(?:ured)?|act(?:ual)?)([xyz])|([xyz])(?:m|meas(?:ured)?|act(?:ual)?)", "m{}"),
@@ -253,7 +254,10 @@ def _notes(unused: list[str], ours: Mapping[str, str], machine: Machine) -> Iter
     plain = []
     for name in unused:
         near = _near(name, machine)
-        if near is None or near in ours:
+        if near == _SOME_DIRECTION:
+            joints = ", ".join(machine_columns(machine))
+            yield f"column '{name}' is not used; did you mean '{near}' of a joint {joints}?"
+        elif near is None or near in ours:
             plain.append(name)
         else:
             yield f"column '{name}' is not used; did you mean '{near}'?"
@@ -271,7 +275,8 @@ def _near(name: str, machine: Machine) -> str | None:
         match = re.fullmatch(pattern, bare)
         if match:
             tail = next((group for group in match.groups() if group), "")
-            tail = next((j for j in joints if j.lower() == tail and ours.startswith("dir")), tail)
+            if ours.startswith("dir"):
+                return next((ours.format(j) for j in joints if j.lower() == tail), _SOME_DIRECTION)
             return ours.format(tail)
     known = {
         known.lower().replace("_", ""): known for known in (*joints, *_COLUMN_NAMES, *(f"dir_{j}" for j in joints))

@@ -17,6 +17,7 @@ import click
 
 from errormodel import __version__
 from errormodel.exceptions import InputError
+from errormodel.files import impossible_on_windows
 from errormodel.inputs import Run, check_readable, is_unicode, running
 from identification.results.output_file import OutputFile, check_name
 from identification.results.results_folder import ResultsFolder
@@ -153,6 +154,8 @@ def _run_of(given: dict[str, Any]) -> Run:
             raise InputError(param.opts[0], " ".join(f"{v:g}" for v in numbers), "Write finite numbers")
     for output in outputs:
         output.check()
+        if reason := impossible_on_windows(output.path.name):
+            show_notes((f"{output}: {reason}: it cannot be copied to a computer with Windows",))
     return run
 
 

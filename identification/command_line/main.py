@@ -32,6 +32,7 @@ from identification.command_line.console import (
     show_notes,
     working,
 )
+from identification.command_line.start import exit_code, interruption_behind
 from identification.results.terminal import one_line
 
 if TYPE_CHECKING:
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
     from identification.results.output_file import OutputFile
     from identification.results.results_folder import ResultsFolder
 
-STOPPED = 130  # exit code of what Ctrl-C ended: 128 and the number of SIGINT
 NO_MEMORY = (
     "memory: there is too little for this input; nothing was put in place. "
     "Give fewer rows or a machine with fewer parameters, or raise the limit"
@@ -308,9 +308,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         name = context.command_path if context is not None else "errormodel"
         found = error.format_message().rstrip(".")
         _fail(f"{name}: {found}{'' if found.endswith('?') else '.'} See {name} --help")
-    except click.exceptions.Abort:
+    except click.exceptions.Abort as error:
         click.echo("stopped: nothing was put in place", err=True)
-        sys.exit(STOPPED)
+        sys.exit(exit_code(interruption_behind(error)))
     except BrokenPipeError:
         sys.exit(1)
     except MemoryError:
@@ -320,8 +320,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             raise
         _fail(NO_MEMORY)
     except OSError as error:  # a full disk, a device that fails
-        place = "the output" if error.filename is None else str(error.filename)
-        _fail(f"{place}: {error.strerror}. Nothing was put in place; free space there, or give --out another", code=1)
+        if error.filename is None:  # such as standard output, after results were put in place
+            _fail(f"the output: {error.strerror}. Free space there, or send it elsewhere", code=1)
+        place, cure = str(error.filename), "Nothing was put in place; free space there, or give another place"
+        _fail(f"{place}: {error.strerror}. {cure}", code=1)
 
 
 def _from_lack_of_memory(error: BaseException | None) -> bool:

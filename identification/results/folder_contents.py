@@ -52,17 +52,24 @@ def kept_of(folder: Path, own: Manifest | None) -> list[str]:
         name = entry.name
         if name == manifest.NAME or name in old:
             continue
-        plain = entry.is_file() and not entry.is_symlink()
         if own is not None and _is_own(folder, entry, own):
             continue
-        if plain:
-            servant = name in SERVICE_FILES or HISTORY_NAME.fullmatch(name) or (old and name in MONITOR_FILES)
-            if not (servant or UNFINISHED_NAME.fullmatch(name) or (name in written and sha256(entry) in written[name])):
-                raise _not_ours(entry)
-        elif not _is_anothers(entry):
+        if not _is_known(entry, written, old):
             raise _not_ours(entry)
         kept.append(name)
     return kept
+
+
+def unlisted(folder: Path, own: Manifest) -> Iterator[str]:
+    """Names of the files and folders in a folder of results of which neither its manifest nor another command knows."""
+    written = recorded(folder)
+    for entry in sorted(folder.iterdir()):
+        listed = any(name.split("/")[0] == entry.name for name in (*own.files, manifest.NAME))
+        if not listed and not _is_known(entry, written, ()):
+            yield entry.name
+        if listed and entry.is_dir():
+            paths = (p.relative_to(folder).as_posix() for p in sorted(entry.rglob("*")) if p.is_file())
+            yield from (name for name in paths if name not in own.files)
 
 
 def outdated(folder: Path, kept: list[str], new: Mapping[str, str]) -> Iterator[str]:
@@ -103,6 +110,15 @@ def _is_own(folder: Path, entry: Path, own: Manifest) -> bool:
     if name in own.files and sha256(entry) != own.files[name]:
         raise InputError(str(entry), "it was changed since errormodel wrote it", CURE)
     return name in own.files
+
+
+def _is_known(entry: Path, written: Mapping[str, set[str]], old: tuple[str, ...]) -> bool:
+    """Whether another command wrote a file or folder, or it serves one, or a file manager."""
+    name = entry.name
+    if not entry.is_file() or entry.is_symlink():
+        return _is_anothers(entry)
+    servant = name in SERVICE_FILES or HISTORY_NAME.fullmatch(name) or (old and name in MONITOR_FILES)
+    return bool(servant or UNFINISHED_NAME.fullmatch(name) or (name in written and sha256(entry) in written[name]))
 
 
 def _is_anothers(entry: Path) -> bool:

@@ -19,6 +19,15 @@ from identification.results.versions import read_json
 NAME = "manifest.json"  # file in each folder of results
 SCHEMA = "errormodel.manifest/1"
 CURE = "Choose another folder, or move it away"
+ALWAYS = {  # files that every folder of a kind has, whatever the version and the options
+    "model": ("machine.yaml", "parameters.csv", "residuals.csv", "covariance.csv", "fit.json"),
+    "tables": ("checklist.txt", "compensation.json"),
+    "evaluation": ("evaluation.json", "figures.csv", "certificate.html"),
+    "fleet": ("fleet.json",),
+    "part": ("part.json",),
+    "survey": ("survey.yaml",),
+}
+SOMETIMES = ("diagnosis.json", "decisions.csv", "thermal.json")  # files that are read where they lie beside a fit
 
 
 @dataclass(frozen=True)
@@ -80,6 +89,7 @@ def read(folder: Path) -> Manifest | None:
     try:
         data = read_json(path, SCHEMA, CURE)
         files = {str(name): str(digest) for name, digest in data["files"].items()}
+        _check_names(files, str(data["holds"]))
         inputs: dict[str, list[str]] = {}
         for entry in data["inputs"]:
             inputs.setdefault(str(entry["name"]), []).append(str(entry["sha256"]))
@@ -103,6 +113,15 @@ def read(folder: Path) -> Manifest | None:
         raise InputError(str(path), found, CURE) from error
 
 
+def _check_names(files: Mapping[str, str], holds: str) -> None:
+    """Check that a manifest lists all that it has to, and nothing outside of its folder; ValueError if not."""
+    for name in files:
+        if Path(name).anchor or ".." in Path(name).parts:
+            raise ValueError(f"it lists {name!r}, which is not in the folder")
+    if absent := [name for name in ALWAYS.get(holds, ()) if name not in files]:
+        raise ValueError(f"it does not list {', '.join(absent)}")
+
+
 def lists(path: Path) -> bool:
     """Whether the manifest beside a file lists it, so that a command wrote it; a foreign manifest lists nothing."""
     try:
@@ -117,6 +136,12 @@ def wrong(folder: Path) -> list[str]:
     manifest = read(folder)
     files = {} if manifest is None else manifest.files
     return [n for n, digest in files.items() if (folder / n).is_file() and sha256(folder / n) != digest]
+
+
+def _unlisted(folder: Path, manifest: Manifest) -> list[str]:
+    """Files beside a fit that are read with it, and that its manifest does not list."""
+    read_too = SOMETIMES if manifest.holds == "model" else ()
+    return [name for name in read_too if name not in manifest.files and (folder / name).is_file()]
 
 
 def missing(folder: Path) -> tuple[str, ...]:
@@ -140,7 +165,7 @@ def check_whole(folder: Path) -> None:
         A file was changed or is of another result.
     """
     manifest = read(folder)
-    if manifest is not None and (others := wrong(folder)):
+    if manifest is not None and (others := [*wrong(folder), *_unlisted(folder, manifest)]):
         raise foreign(folder, others[0], manifest)
 
 
@@ -154,6 +179,7 @@ def check_complete(folder: Path, manifest: Manifest) -> None:
     """
     bad = dict.fromkeys(wrong(folder), "changed, or of another result")
     bad |= {name: "missing" for name in manifest.files if not (folder / name).is_file()}
+    bad |= dict.fromkeys(_unlisted(folder, manifest), f"not listed in {NAME}")
     if bad:
         found = "; ".join(f"{name}: {what}" for name, what in bad.items())
         raise InputError(str(folder), found, "Put those files back, or run the command again with another folder")

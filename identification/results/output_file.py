@@ -25,12 +25,14 @@ from errormodel.files import (
     write_csv,
     write_text_atomic,
 )
+from identification.results import manifest
 
 if TYPE_CHECKING:
     import pandas as pd
 
 WINDOWS = sys.platform == "win32"
 RECORD_NAME = ".errormodel.sha256"  # list of written files with digests, in the same folder
+CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")  # characters that break the lines of that list, and of any other
 RECORD_LINE = re.compile(r"([0-9a-f]{64})  (.+)")  # digest and name, as written by sha256sum
 CURE = "Give another name, or move that file away"
 
@@ -73,6 +75,9 @@ class OutputFile:
                 return
             written = recorded(self.path.parent).get(self.path.name)
             if written is None and not (self.mark and self.mark in self.path.read_bytes()):
+                if manifest.lists(self.path):
+                    found = "it is one of the results in that folder, which are replaced as a whole only"
+                    raise InputError(str(self.path), found, "Give another name")
                 raise InputError(str(self.path), "it is there, and errormodel has no record of writing it", CURE)
             if written is not None and sha256(self.path) not in written:
                 raise InputError(str(self.path), "it was changed since errormodel wrote it", CURE)
@@ -119,7 +124,9 @@ class OutputFile:
 
 
 def check_name(path: Path) -> None:
-    """Check that this system can have a file or folder of this name; InputError where it cannot."""
+    """Check that this system can have a file or folder of this name, in one line; InputError where it cannot."""
+    if found := CONTROL.search(str(path)):
+        raise InputError(ascii(str(path)), f"a name with the control character {found[0]!a}", "Give another name")
     reasons = map(impossible_on_windows, path.relative_to(path.anchor).parts) if WINDOWS else ()
     if reason := next(filter(None, reasons), None):
         raise InputError(str(path), reason, "Give another name")

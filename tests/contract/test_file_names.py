@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -69,6 +70,17 @@ def test_such_an_output_is_refused_there(name: str, tmp_path: Path, monkeypatch:
     assert "Windows" in ended.err
     assert tree(tmp_path) == {}
     done("simulate", MILL, 5, "--out", tmp_path / "p.csv")
+
+
+def test_a_name_that_another_system_has_not_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(output_file, "WINDOWS", False)
+    ended = run("simulate", MILL, 5, "--out", "a\nb.csv")
+    assert (ended.code, ended.err.count("\n")) == (2, 1), ended.err
+    assert r"the control character '\n'" in ended.err
+    assert tree(tmp_path) == {}
+    if sys.platform != "win32":
+        assert done("simulate", MILL, 5, "--out", "aux.csv").err.startswith("note: aux.csv: a name that Windows keeps")
 
 
 def test_raw_files_whose_names_differ_in_case_only(tmp_path: Path) -> None:

@@ -33,6 +33,7 @@ MECHANISM = {  # what may write, and why
     "identification/monitoring/history.py": "SQLite commits whole or not at all",
     "identification/report/pictures.py": "a temporary folder of its own",
     "identification/fleets/places.py": "copies of what is in a store, in a temporary folder",
+    "identification/command_line/start.py": "the null device, in place of a closed stream",
     "identification/api/fleets.py": "a part in a temporary folder, before it is kept through a folder of results",
 }
 METHODS = {
@@ -273,6 +274,9 @@ def test_single_files_are_known_by_their_content(place: Path) -> None:
     assert "other.csv" in result.err
     Path("new/other.csv").unlink()
     assert tree(place) == changed
+    result = run("predict", "fit", "s.csv", "--out", "fit/fit.json")
+    assert result.code == 2
+    assert "fit.json: it is one of the results in that folder" in result.err
 
 
 def test_the_record_is_what_sha256sum_reads(place: Path) -> None:

@@ -98,6 +98,8 @@ def test_a_folder_of_two_fits_is_refused(place: Path, name: str, command: str) -
 
 def test_verify_says_what_is_wrong(place: Path) -> None:
     assert "all 6 files are as `errormodel fit` wrote them" in done("verify", "fit").out
+    write(Path("fit/notes.txt"), "mine")
+    assert "not looked at: notes.txt" in done("verify", "fit").err
     shutil.copy("other/residuals.csv", "fit")
     Path("fit/report.html").unlink()
     result = run("verify", "fit")
@@ -215,7 +217,7 @@ def test_folders_of_versions_without_a_manifest(place: Path) -> None:
 # ---- killed, failing, two at once
 
 
-FILES = ("fit.json", "machine.yaml", "covariance.csv")
+FILES = ("fit.json", "machine.yaml", "covariance.csv", "parameters.csv", "residuals.csv")
 STEPS = {name: getattr(os, name) for name in ("replace", "rename", "fsync")}
 
 
@@ -314,7 +316,7 @@ def two(place: Path) -> Path:
     """Two results of other files, ``one/ two/``, and a folder that is to hold one of them."""
     shutil.copytree("fit", "one")
     shutil.copytree("other", "two")
-    write(Path("one/diagnosis.json"), "{}")
+    write(Path("one/more.json"), "{}")  # which no reader of fits looks at
     return place
 
 

@@ -131,9 +131,12 @@ def test_bad_files(tmp_path: Path):
         read_survey(yaml(tmp_path, files="[{path: s.csv, role: test}]"), MACHINE)
     with pytest.raises(InputError, match=r"key files: .*Name s\.csv once"):
         read_survey(yaml(tmp_path, files="[{path: s.csv}, {path: ./s.csv, role: test}]"), MACHINE)
-    with pytest.raises(InputError, match=r"^gone\.csv: no such file"):
+    with pytest.raises(InputError, match=r"^gone\.csv: no such file\. Valid: "):
         read_survey(yaml(tmp_path, files="[{path: gone.csv}]"), MACHINE)
     (tmp_path / "none").mkdir()
+    with pytest.raises(InputError, match=r"^gone\.csv: no such file$"):
+        read_survey(yaml(tmp_path / "none", files="[{path: gone.csv}]"), MACHINE)
+    (tmp_path / "none/survey.yaml").unlink()
     with pytest.raises(InputError, match="without a table"):
         read_survey(tmp_path / "none", MACHINE)
     parts = tmp_path / "parts"
@@ -299,6 +302,12 @@ def test_near_names_are_noted(tmp_path: Path):
     for theirs, ours in {"temp_bed": "T_bed", "dirX": "dir_X", "Time": "time", "Sigma X": "sigma_x"}.items():
         assert f"column '{theirs}' is not used; did you mean '{ours}'?" in notes
     assert "not used: Mx, wind" in notes  # mx is there already
+    path = write(tmp_path, f"{HEADER},dir_Q\n{ROW},1\n")
+    joints = ", ".join(j.name for j in MACHINE.joints)
+    assert (
+        f"column 'dir_Q' is not used; did you mean 'dir_<joint>' of a joint {joints}?"
+        in read_survey(path, MACHINE).notes
+    )
 
 
 def test_commands_need_nothing_measured(tmp_path: Path):

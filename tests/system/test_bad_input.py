@@ -188,6 +188,9 @@ COMMANDS: dict[str, Case] = {
     "unknown parameter": (
         (*SIMULATE, "--parameters", "t.yaml"), {"t.yaml": "parameters:\n  tabel.dx: 1\n"},
         ("t.yaml, line 2, key parameters.tabel.dx", "Did you mean 'table.dx'")),
+    "parameter of another unit": (
+        (*SIMULATE, "--parameters", "t.yaml"), {"t.yaml": "parameters:\n  X.dx.1: 1e3\n"},
+        ("t.yaml, line 2, key parameters.X.dx.1", "1000 mm/mm", "Write it in mm/mm")),
     "parameter of text": (
         (*SIMULATE, "--parameters", "t.yaml"), {"t.yaml": "parameters: {table.dx: 1 mm}\n"}, ("line 1", "table.dx")),
     "no fit": (("predict", ".", "s.csv", "--out", "p.csv"), {}, ("fit.json", "No such file", "errormodel fit")),

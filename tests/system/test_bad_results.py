@@ -236,6 +236,10 @@ MANIFEST: dict[str, Change] = {
     "another digest": at("files", "fit.json", to="0" * 64),
     "arguments of a word": at("arguments", to="x"),
     "options of a word": at("options", to="x"),
+    "a file less": without("files", "fit.json"),
+    "a file of another folder": lambda d: d["files"].update({"../fit.json": d["files"].pop("fit.json")}),
+    "one file too many, of another folder": at("files", "../s.csv", to="0" * 64),
+    "an absolute path": at("files", "/s.csv", to="0" * 64),
 }
 
 
@@ -246,6 +250,13 @@ def test_manifest(name: str, command: tuple[object, ...], sealed: Path) -> None:
     MANIFEST[name](data)
     write(Path("fit/manifest.json"), json.dumps(data))
     refused(sealed, command, "fit")
+
+
+@pytest.mark.parametrize("name", ["diagnosis.json", "decisions.csv"])
+def test_a_file_beside_a_fit_that_is_read_with_it(name: str, sealed: Path) -> None:
+    write(Path("fit") / name, "{}")
+    for command in (PREDICT, ("verify", "fit"), ("rerun", "fit")):
+        refused(sealed, command, "fit", name)
 
 
 def test_the_history_of_a_machine(place: Path) -> None:

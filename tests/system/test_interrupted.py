@@ -1,4 +1,4 @@
-"""Ctrl-C: a word on stderr and exit code 130, soon and at any moment; nothing half-written, no process left."""
+"""Ctrl-C and SIGTERM: a word on stderr and 130 or 143, at any moment; nothing half-written, no process left."""
 
 from __future__ import annotations
 
@@ -55,6 +55,27 @@ def test_a_word_and_130(delay: float, tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir() if p.name not in (".errormodel.sha256", "s.csv")] == []
 
 
+DRAWING = f"""
+import time, identification.report
+identification.report.report = lambda *_: (print('up', flush=True), time.sleep(60))
+{START.replace("print('up', flush=True)", "pass")}
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_report_that_is_stopped_leaves_nothing(number: signal.Signals, tmp_path: Path) -> None:
+    done("simulate", MILL, 40, "--noise", 0.002, "--out", tmp_path / "s.csv")
+    process = started(DRAWING, "fit", MILL, tmp_path / "s.csv", "--out", tmp_path / "out")
+    assert process.stdout is not None
+    while process.stdout.readline() != "up\n":
+        pass
+    assert [p for p in tmp_path.iterdir() if p.name.endswith(".part")]
+    process.send_signal(number)
+    _, err = process.communicate(timeout=SOON_S)
+    assert (process.returncode, err.strip()[:7]) == (128 + number, "stopped")
+    assert {p.name for p in tmp_path.iterdir()} == {".errormodel.sha256", "s.csv"}
+
+
 LOST = """
 import sys, time, types
 from identification.command_line import start
@@ -73,13 +94,14 @@ start.entry()
 """
 
 
-def test_an_interruption_that_is_lost_ends_the_process_all_the_same() -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_that_is_lost_ends_the_process_all_the_same(number: signal.Signals) -> None:
     process = started(LOST)
     assert process.stdout is not None
     process.stdout.readline()
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     _, err = process.communicate(timeout=SOON_S)
-    assert (process.returncode, err.strip()[:7]) == (130, "stopped")
+    assert (process.returncode, err.strip()[:7]) == (128 + number, "stopped")
 
 
 def test_an_interruption_that_a_library_makes_an_error_of_its_own_is_one() -> None:

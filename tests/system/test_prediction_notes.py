@@ -43,6 +43,17 @@ def test_points_beyond_what_was_measured_are_named(mill: Path, tmp_path: Path) -
     assert "beyond" not in quiet
 
 
+def test_measured_columns_of_points_are_not_used_and_said_to_be(mill: Path, tmp_path: Path) -> None:
+    points = pd.read_csv(mill / "s.csv")
+    notes = []
+    for name, table in (("with", points), ("without", points.drop(columns=XYZ))):
+        table.to_csv(tmp_path / f"{name}.csv", index=False)
+        notes.append(done("predict", mill / "fit", tmp_path / f"{name}.csv", "--out", tmp_path / f"out_{name}.csv").err)
+    assert "note: mx my mz are not used" in notes[0]
+    assert notes[1] == ""
+    assert (tmp_path / "out_with.csv").read_bytes() == (tmp_path / "out_without.csv").read_bytes()
+
+
 def test_a_temperature_that_never_was_is_named(tmp_path: Path) -> None:
     """So it is with what drives an effect."""
     machine = _mill_with(tmp_path, "[{effect: spindle-growth, sensor: T_spindle}]")
