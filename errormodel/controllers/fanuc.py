@@ -346,6 +346,6 @@ class Fanuc3d(Fanuc):
     def checklist(self, setup: Setup) -> list[str]:
         return [
             "compare every parameter number with this control's manual before reading the file: they are not public",
-            "option 'three-dimensional error compensation'; back up parameters first",
+            "back up the parameters; parameter write enable, read lattice.txt as parameters",
             "switch the control off and on, G28 all axes, then check with an indicator",
         ]

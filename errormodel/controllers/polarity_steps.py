@@ -158,11 +158,11 @@ def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: 
         " b. The last 2 mm by hand, in steps of 0.1 and then 0.001 mm, exactly to the place, never beyond it.",
         " c. Put the indicator, its stand on the table, against the spindle nose, ahead of the motion. Set it to zero.",
         f" d. By hand {BACK_OFF_MM:g} mm back, along the watched axis only.",
-        " e. Load this folder's tables, compensation on. If the control has to be started and referenced again, drive",
-        "    by hand, and around the indicator.",
+        " e. Load this folder's tables as checklist.txt has it for the real ones, compensation on. If the control has",
+        "    to be started and referenced again, drive by hand, and around the indicator.",
         " f. As a. (but compensation on) and b. again, from the same side. Read.",
         " g. By hand back along the watched axis; then take the indicator away.",
-        "At the end: take the tables of this folder out again.",
+        f"At the end take the tables of this folder out again: {controller.back}.",
     ]
 
 
@@ -184,7 +184,7 @@ def _reading(controller: Controller, setup: Setup, k: int, step: Step, start: fl
     ]
     if step.by_itself is not None and abs(step.by_itself) >= LEAST_READING_MM:
         lines.append(
-            f"   {want + step.by_itself:+.3f} or {want - step.by_itself:+.3f} mm: a table that only multiplies others "
+            f"   {want + step.by_itself:+.3f} or {-want - step.by_itself:+.3f} mm: a table that only multiplies others "
             "acts by itself. Switch everything off and do not load the real tables."
         )
     lines.append("   anything else: axes are interchanged, or the step of the control is another. Do not load.")

@@ -45,7 +45,7 @@ NUMBER_PATTERN = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
 LEC = re.compile(rf"\$AA_ENC_COMP(?:_(\w+))?\[0,(?:(\d+),)?(\w+)1\]=({NUMBER_PATTERN})")
 CEC = re.compile(rf"\$AN_CEC(?:_(\w+))?\[(\d+)(?:,(\d+))?\]=\(?({NUMBER_PATTERN}|\w+1)\)?")
 SIEMENS_THERMAL_DOUBT = "the sign (taken as that of $AA_ENC_COMP: a positive value moves the axis in minus direction)"
-LEVER = re.compile(r"^; table (\d+) only multiplies others: ((?:sin |cos )?\w+)$", re.MULTILINE)
+LEVER = re.compile(r"^; \[(\d+)\] only multiplies others: ((?:sin |cos )?\w+)$", re.MULTILINE)
 FEW_TABLES = 8  # of $AN_CEC, which an 828D and an 840D sl of four axes hold
 # deg between points of a sine table: linear interpolation then errs by less than 0.03 % of the amplitude
 SINE_STEP_DEG = 2.5
@@ -224,7 +224,7 @@ class SiemensCec(Siemens):
         "a Sinumerik with the option sag compensation (multi-dimensional), as many tables and points as are "
         "named, and the manufacturer's password"
     )
-    back: ClassVar[str] = "MD32710 $MA_CEC_ENABLE = 0 and reset"
+    back: ClassVar[str] = "MD32710 $MA_CEC_ENABLE = 0 and $SN_CEC_TABLE_ENABLE[t] = 0 for every t, then reset"
     doubt: ClassVar[str] = (
         "the sign of $AN_CEC (taken as that of $AA_ENC_COMP: a positive value moves the axis in minus direction), and "
         "that a table which only multiplies others does not act by itself while $SN_CEC_TABLE_ENABLE is 0 for it"
@@ -262,9 +262,11 @@ class SiemensCec(Siemens):
 
     def _needed(self, tables: Tables) -> str:
         count, own = self.used([t.term for t in tables]), len(tables)
+        which = f" (t = {', '.join(map(str, range(count - own)))})" if count > own else ""
         return (
-            f"{count} tables of $AN_CEC are needed: {own} corrections and {count - own} that only multiply others. An "
-            "840D sl has 2 a machine axis, an 828D has 8; compare MD18342, and the option for sag compensation"
+            f"{count} tables of $AN_CEC are needed: {own} corrections and {count - own} that only multiply "
+            f"others{which}. An 840D sl has 2 a machine axis, an 828D has 8; compare MD18342, and the option for sag "
+            "compensation"
         )
 
     def heed(self, tables: Tables, setup: Setup) -> list[str]:
@@ -315,7 +317,7 @@ class SiemensCec(Siemens):
         for name, t in number.items():
             x, lever = self._lever(setup, name)
             axis = name.rpartition(" ")[2]
-            lines.append(f"; table {t + 1} only multiplies others: {name}")
+            lines.append(f"; [{t}] only multiplies others: {name}")
             lines += self._table(t, x, lever, setup.axis(axis), axis, 0, 0)
         for t, table in enumerate(tables, start=len(factors)):
             term = table.term
@@ -346,7 +348,7 @@ class SiemensCec(Siemens):
 
     def read(self, files: Files, setup: Setup) -> Tables:
         name, text = one_file(files, ".ini")
-        levers = {int(t) - 1: f for t, f in LEVER.findall(text)}
+        levers = {int(t): f for t, f in LEVER.findall(text)}
         values: dict[int, list[float]] = {}
         keys: dict[int, dict[str, str]] = {}
         for key, t, _, value in CEC.findall(_file(text)):
@@ -378,7 +380,9 @@ class SiemensCec(Siemens):
         return [
             "rename the axes X1, Y1, ... to this machine's axis names",
             "MD18342 $MN_MM_CEC_MAX_POINTS[t] at least the points of table t (back up first: memory is formatted anew)",
-            "MD32710 $MA_CEC_ENABLE = 0 for all axes, load NC_CEC.INI",
-            "$SN_CEC_TABLE_ENABLE[t] = 1 for all tables but those marked 'only multiplies others'",
+            "MD32710 $MA_CEC_ENABLE = 0 for all axes, and $SN_CEC_TABLE_ENABLE[t] = 0 for every t: one that was on for "
+            "other tables, such as those of the check of signs, may only multiply now; load NC_CEC.INI",
+            "$SN_CEC_TABLE_ENABLE[t] = 1 for the tables that were loaded, but not for those marked 'only multiplies "
+            "others': t is the first number of $AN_CEC[t,k] and counts from 0",
             "MD32710 = 1 for the compensated axes, reset, reference; MD32720 and MD32730 must allow the values",
         ]

@@ -105,8 +105,8 @@ def against_model(figures: Sequence[Figures]) -> str:
     for f in figures:
         if f.model_um is not None and f.model_um > HARMFUL_SHARE * f.before.rms_um:
             return (
-                f"the model's own standard uncertainty over the volume is {f.model_um:.1f} um rms, and the errors that "
-                f"it shows are {f.before.rms_um:.1f} um: {cure}"
+                f"the model's own standard uncertainty over the volume is {_digits(f.model_um)} um rms, and the errors "
+                f"that it shows are {_digits(f.before.rms_um)} um: {cure}"
             )
         unseen = f.model_um is None and not f.poses.endswith(OTHER_TOOLS) and JOINT_ROWS not in f.poses
         if unseen and f.ideal.rms_um >= f.before.rms_um:
@@ -115,6 +115,10 @@ def against_model(figures: Sequence[Figures]) -> str:
                 f"{f.ideal.rms_um:.1f} after): {cure}"
             )
     return ""
+
+
+def _digits(um: float) -> str:
+    return f"{um:.1f}" if um >= 1 else f"{um:.2g}"  # machines of a millimetre too
 
 
 def following(

@@ -159,7 +159,8 @@ class Compensation:
         after.append(f"to take it back: {controller.back}")
         needs = f"the control needs: {controller.needs}"
         before += [x for x in self.turned if x not in before]
-        return [*before, *self.states, needs, *controller.checklist(self.setup), *after]
+        sign = ["check signs and axes before the real tables are loaded: sign_test/steps.txt"] if self.tests else []
+        return [*before, *self.states, needs, *sign, *controller.checklist(self.setup), *after]
 
     def as_json(self) -> dict[str, Any]:
         """``compensation.json``."""

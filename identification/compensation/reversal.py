@@ -96,7 +96,9 @@ def reversal_lines(controller: Controller, setup: Setup, tables: Tables) -> list
         elif parameter:
             value = controller.backlash_value(setup, name, -r.mean)
             lines.append(
-                f"{found}. These tables do not hold it: {parameter}: add {value} to what was set during the survey"
+                f"{found}. These tables do not hold it: {parameter}: add {value} to what was set during the survey, "
+                f"and set the zero of {name} again: its positions move by half of that, to which side depends on how "
+                "it references"
             )
         else:
             lines.append(f"{found}. It stays: neither these tables nor a parameter of {controller.title} hold it")

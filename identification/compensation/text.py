@@ -77,13 +77,11 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     beyond = controller.beyond if isinstance(controller, Controller) else EDGE_HOLDS
     yield f"region: what the survey covered; {beyond}"
     yield from (f"  {line}" for line in region_lines(setup))
-    if isinstance(controller, Controller):
+    if isinstance(controller, Controller) and not controller.general:
         yield "lengths in the files are metric: load them into a control that is set to mm, not inches"
     if controller.doubt:
         yield ""
         yield from wrap(f"not certain from public sources: {controller.doubt}", TEXT_WIDTH, subsequent_indent="  ")
-    if result.tests:
-        yield f"check signs and axes first: {folder / 'sign_test' / 'steps.txt'}"
     yield ""
     yield "activation"
     for step in result.checklist:

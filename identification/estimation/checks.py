@@ -30,6 +30,8 @@ BY_CHANCE = 0.1  # so often are residuals that small where the declaration is th
 FINEST_MM, EXACT_MM = 1e-5, 1e-10  # mm: readings that repeat within less are in another unit, or made by a computer
 FEW_DOF = 10  # degrees of freedom: fewer leave residuals that small by chance
 CONSTANT = 0.5  # of what a fit leaves: an offset alone that leaves less explains more
+MOST_NAMED = 6  # rows in a note
+WILD = 10.0  # times the distance of four rows of five: no error motion leads a row so far from the others
 WRONG_UNIT_FACTOR = 100.0  # times: so far off is a declaration in another unit
 
 
@@ -104,7 +106,7 @@ def looked_over(fit: Fit) -> Fit:
     if not fit.solution.groups.rank:
         found = "no parameter can be identified: nothing of what was measured depends on one"
         raise InputError(str(fit.survey.source), found, "Measure all over the travels, as `errormodel plan` says")
-    fit = replace(fit, notes=(*fit.notes, *noise_notes(fit), *_beside(fit)))
+    fit = replace(fit, notes=(*fit.notes, *noise_notes(fit), *_beside(fit), *_wild(fit)))
     volumetric = any(v.of_tool for v in fit.problem.views)  # who reads one joint means no other
     lost = out_of_reach(fit.problem, fit.solution)[1] if volumetric else []
     if not lost:
@@ -201,6 +203,26 @@ def _beside(fit: Fit) -> Iterator[str]:
         f"this offset alone leaves {1e3 * with_offset:.3g} um rms, the fit {1e3 * fitted:.3g}. Check where the target "
         "and the origin are taken to be, or say frame: shared"
     )
+
+
+def _wild(fit: Fit) -> Iterator[str]:
+    """A note on rows far beside the fit, which their weight draws to them; a robust fit leaves them out and says so."""
+    distance = np.linalg.norm(np.nan_to_num(fit.residuals), axis=1)
+    seen = np.isfinite(fit.residuals).any(axis=1)
+    if fit.sorting is not None or not seen.any():
+        return
+    usual = float(np.quantile(distance[seen], 0.8))
+    wild = np.flatnonzero(distance > max(WILD * usual, 1e-9 * fit.chain.size))
+    if len(wild):
+        table = fit.survey.table.iloc[wild]
+        first = table[["file", "row"]].head(MOST_NAMED)
+        rows = ", ".join(f"{file} row {row}" for file, row in first.itertuples(index=False))
+        more = ", ..." * (len(wild) > MOST_NAMED)
+        yield (
+            f"far beside the fit: {rows}{more}, up to {distance[wild].max():.3g} mm, where four of five rows "
+            f"are within {usual:.2g} mm. They draw the fit to them: look at them, leave their mx my mz empty, or fit "
+            "with --robust"
+        )
 
 
 def another(chain: Chain, nominal: Spread) -> bool:

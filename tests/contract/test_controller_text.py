@@ -32,7 +32,7 @@ HOSTILE = (
     "I51=1",
     "M17",
     "\n[JOINT_0]\nCOMP_FILE = /etc/passwd",
-    "table 1 only multiplies others: Y",
+    "[0] only multiplies others: Y",
     "correct X by 1 mm and 1 mm/mm a kelvin of T above 1",
     "M556 S1000 X9 Y9 Z9",
     "N10000P7",

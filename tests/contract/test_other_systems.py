@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import errno
 import os
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,8 +17,10 @@ from errormodel import files
 from errormodel.files import write_bytes_atomic
 from identification.results import results_folder
 from tests.helpers.commands import MILL, done, run, tree
-from tests.helpers.windows_rules import obey
+from tests.helpers.windows_rules import MISSING, MISSING_MODULES, obey
 
+ROOT = Path(__file__).resolve().parents[2]
+POSIX = {("os", name) for name in MISSING} | {("signal", name) for name in ("SIGKILL", "SIGHUP", "SIGSTOP", "SIGALRM")}
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="rules of other systems, kept on Linux")
 WORK: tuple[tuple[object, ...], ...] = (
     ("simulate", MILL, 60, "--noise", 0.002, "--out", "s.csv"),
@@ -44,6 +47,40 @@ def differing(place: Path, plain: Path) -> set[str]:
     """Names of files that are not as they were; the database of a history has places of its own."""
     here, there = tree(place), tree(plain)
     return {n for n in {*here, *there} if here.get(n) != there.get(n) and not n.endswith(".sqlite")}
+
+
+def at_import(node: ast.AST) -> Iterator[ast.AST]:
+    """What is executed when a module is imported: all but the bodies of functions, decorators included."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef):
+            parts: list[ast.AST] = [*child.decorator_list, *child.args.defaults, *child.args.kw_defaults]
+            yield from (n for part in parts if part is not None for n in ast.walk(part))
+        elif not isinstance(child, ast.Lambda):
+            yield child
+            yield from at_import(child)
+
+
+def of_posix(node: ast.AST) -> str | None:
+    """Name of what Windows lacks."""
+    if isinstance(node, ast.Import | ast.ImportFrom):
+        names = {a.name for a in node.names} if isinstance(node, ast.Import) else {node.module}
+        return next((str(n) for n in names if n in MISSING_MODULES), None)
+    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+        return node.attr if (node.value.id, node.attr) in POSIX else None
+    return None
+
+
+def test_modules_are_imported_on_every_system() -> None:
+    """Of errormodel and of its tests: one module that Windows cannot import ends a whole run of tests there."""
+    words = (*MISSING_MODULES, *(name for _, name in POSIX))
+    paths = [f for top in ("errormodel", "identification", "tests") for f in (ROOT / top).rglob("*.py")]
+    texts = {f: f.read_text(encoding="utf-8") for f in paths if f.parent.name != "benchmarks"}  # some are for Linux
+    some = {f: ast.parse(text) for f, text in texts.items() if any(word in text for word in words)}
+    found = {(f.name, name) for f, tree in some.items() for node in at_import(tree) if (name := of_posix(node))}
+    assert len(some) > 4
+    assert found == set()
+    decorated = ast.parse("@mark(signal.SIGKILL)\ndef f():\n    import fcntl")
+    assert {of_posix(n) for n in at_import(decorated)} == {None, "SIGKILL"}
 
 
 @LINUX

@@ -175,6 +175,24 @@ def test_siemens_tables_that_only_multiply_are_watched() -> None:
     for step in watched:
         assert abs(step.by_itself or 0.0) == pytest.approx(abs(step.place[step.axis]) / 1000)
     assert text.count("acts by itself. Switch") == sum(abs(s.by_itself or 0.0) >= 0.005 for s in watched)
+    for step in (s for s in watched if abs(s.by_itself or 0.0) >= 0.005):  # with the other sign both tables turn
+        both = step.reading + (step.by_itself or 0.0)
+        assert f"{both:+.3f} or {-both:+.3f} mm: a table that only multiplies others acts by itself" in text
+
+
+def test_siemens_tables_of_the_check_are_switched_off() -> None:
+    """The check has fewer tables: a number that is on for a correction there may be one that only multiplies later."""
+    setup, controller = plain_setup(), tabled("siemens-cec")
+    files, steps = polarity_check(controller, setup, controller.structures(setup)[0])
+    text = check_files(controller, setup, steps)["steps.txt"]
+    off = "$SN_CEC_TABLE_ENABLE[t] = 0 for every t"
+    assert off in text
+    assert sum(off in step for step in controller.checklist(setup)) == 1
+    assert off in controller.back
+    marked = [int(t) for t in re.findall(r"^; \[(\d+)\] only multiplies", files["NC_CEC.INI"], re.MULTILINE)]
+    assert marked == list(range(len(marked)))
+    used = {int(m) - 1 for m in re.findall(r"MULT_BY_TABLE\[\d+\]=([1-9]\d*)", files["NC_CEC.INI"])}
+    assert used == {*marked}
 
 
 @pytest.mark.parametrize("machine", ["trunnion_five_axis", "five_axis_table_quill", "fork_head_five_axis"])

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import random
-import resource
 import shutil
 import signal
 import sqlite3
@@ -169,6 +168,8 @@ def forked(
         code = 70
         try:
             if full is not None:
+                import resource  # not on every system
+
                 resource.setrlimit(resource.RLIMIT_FSIZE, (full, full))
             code = _run_counted(words, place, {*steps}, writing)
         finally:

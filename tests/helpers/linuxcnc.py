@@ -6,7 +6,6 @@ space of its own keeps its shared memory, ports and processes apart, where the s
 
 from __future__ import annotations
 
-import fcntl
 import os
 import re
 import shutil
@@ -288,6 +287,8 @@ def stop_programme(letters: Sequence[str], places: Array) -> str:
 @contextmanager
 def alone() -> Iterator[bool]:
     """One controller at a time on this computer; yields whether it can have a name space of its own."""
+    import fcntl  # not on every system
+
     with (Path(tempfile.gettempdir()) / "errormodel-linuxcnc.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if LOCK.exists():

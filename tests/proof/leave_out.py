@@ -46,7 +46,6 @@ LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
     "share-of-findings": ((_FORWARD, "LEAK", 0.0),),
     "competing-refinement": ((_FORWARD, "COMPETES", FOREVER),),
     "accepted-alone": ((_FORWARD, "_that_predict", _none),),
-    "joint-detection": ((_FORWARD, "add_jointly", _none),),
     "second-sensor": ((_FORWARD, "add_second_sensor", _same),),
     "step-function": ((_FORWARD, "switched", _same),),
     "reselection": ((_FORWARD, "reselect", _same),),

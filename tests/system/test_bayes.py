@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
 import subprocess
 import sys
 import time
@@ -223,11 +221,10 @@ def test_a_killed_command_resumes(shaped: Path):
     command = [*program, "fit", shaped / "m.yaml", shaped / "s.csv", "--bayes"]
     process = subprocess.Popen([*command, "--out", shaped / "killed"], stdout=subprocess.DEVNULL)
     chain = shaped / "killed" / "chain"
-    for _ in range(1200):
-        if list(chain.glob("piece_*.npz")) or process.poll() is not None:
-            break
+    until = time.monotonic() + 240  # s, on a busy computer
+    while not list(chain.glob("piece_*.npz")) and process.poll() is None and time.monotonic() < until:
         time.sleep(0.02)
-    os.kill(process.pid, signal.SIGKILL)
+    process.kill()
     process.wait()
     assert list(chain.glob("piece_*.npz"))
     assert not (shaped / "killed" / "fit.json").exists()

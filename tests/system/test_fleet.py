@@ -142,8 +142,9 @@ def test_a_worker_that_is_killed_costs_nothing(made: Path, tmp_path: Path) -> No
 
 @pytest.mark.every_figure
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT], ids=["killed", "Ctrl-C"])
-def test_a_run_that_was_stopped_goes_on_where_it_was(how: signal.Signals, made: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGINT"], ids=["killed", "Ctrl-C"])
+def test_a_run_that_was_stopped_goes_on_where_it_was(name: str, made: Path, tmp_path: Path) -> None:
+    how = signal.Signals[name]
     out = tmp_path / "out"
     process = started("fleet", made / "list.csv", "--out", out, "--workers", 2)
     wait_for(out, 2)
@@ -159,7 +160,9 @@ def test_a_run_that_was_stopped_goes_on_where_it_was(how: signal.Signals, made: 
 
 
 def started(*arguments: object) -> subprocess.Popen[str]:
-    start = "from identification.command_line.start import entry; entry()"
+    # interrupted like a command in a terminal, where these tests themselves run in the background and are not
+    start = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    start += "from identification.command_line.start import entry; entry()"
     return subprocess.Popen(
         [sys.executable, "-c", start, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env=os.environ | {"PYTHONPATH": str(ROOT)},

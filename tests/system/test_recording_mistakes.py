@@ -76,6 +76,8 @@ WRONG: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], tuple[str, ...]]]
     "two stations": (moved, ("rows 81 to 120 lie in another measuring frame", "frame: per-run")),
     "wild rows": (wild, ("rows 5, 51 lie up to 320 mm", "other 118 rows", "--robust")),
     "instrument stopped": (stopped, ("10 of 120 rows repeat", "rows 22, 23", "take the copies out")),
+    "one row for all": (lambda t: t.loc[[7] * 60], ("59 of 60 rows repeat",)),
+    "a stopped record": (lambda t: t.assign(Z=200.0), ("columns Z: the same in all rows", "the record had stopped")),
     "another order": (shuffled, ("nothing to do with the commands", "serial chains", "delta")),
 }
 
@@ -116,6 +118,21 @@ def test_what_the_message_says_cures_swapped_columns(sound: Path, tmp_path: Path
 def test_a_robust_fit_names_wild_rows_itself(sound: Path, tmp_path: Path) -> None:
     wild(pd.read_csv(sound / "s.csv")).to_csv(tmp_path / "s.csv", index=False)
     done("fit", sound / "m.yaml", tmp_path / "s.csv", "--robust", "--out", tmp_path / "out")
+
+
+def test_rows_that_draw_the_fit_to_them_are_named(sound: Path, tmp_path: Path) -> None:
+    """Half a millimetre is what errors of a machine may make; but one row of 120 alone is not where they lead."""
+    table = pd.read_csv(sound / "s.csv")
+    table.loc[5, "mz"] += 0.5
+    table.to_csv(tmp_path / "s.csv", index=False)
+    notes = done("fit", sound / "m.yaml", tmp_path / "s.csv", "--out", tmp_path / "out").err
+    assert "far beside the fit: s.csv row 6, up to 0.4" in notes
+    assert "--robust" in notes
+    plain, robust = (
+        done("fit", sound / "m.yaml", file, *more, "--out", tmp_path / "f").err
+        for file, more in ((sound / "s.csv", ()), (tmp_path / "s.csv", ("--robust",)))
+    )
+    assert "far beside" not in plain + robust
 
 
 def test_another_tool_is_an_error_that_a_fit_may_find(sound: Path, tmp_path: Path) -> None:

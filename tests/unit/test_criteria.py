@@ -175,7 +175,6 @@ def test_evidence_must_outweigh_what_correlated_noise_would_make_of_it(monkeypat
     monkeypatch.setattr(scoring, "explained_by_noise", lambda linear, step: 3.0)
     assert accepted(None, step(DETECT + 3.1, 1.0))  # type: ignore[arg-type]
     assert not accepted(None, step(DETECT + 2.9, 1.0))  # type: ignore[arg-type]
-    assert accepted(None, step(DETECT + 2.9, 1.0), noise_checked=False)  # type: ignore[arg-type]
     # what a bend brings detects nothing: it does not count against correlated noise
     assert not accepted(None, step(DETECT + 3.1, 1.0, evidence_of_form=0.2))  # type: ignore[arg-type]
     assert accepted(None, step(DETECT + 3.3, 1.0, evidence_of_form=0.2))  # type: ignore[arg-type]

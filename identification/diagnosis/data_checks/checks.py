@@ -20,7 +20,7 @@ from identification.diagnosis.data_checks.blunder import Blunder
 from identification.diagnosis.data_checks.columns import wrong_column
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows, set_clock
 from identification.diagnosis.data_checks.rows import wrong_rows
-from identification.diagnosis.data_checks.unrelated import refuse_unrelated
+from identification.diagnosis.data_checks.unrelated import refuse_still_joint, refuse_unrelated
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 
 MOST_BLUNDERS = 4
@@ -43,6 +43,7 @@ def find_blunders(machine: Machine, survey: Survey, log: DecisionLog = UNRECORDE
         lambda s: wrong_column(chain, s, two=True, log=log),
     ]
     out = list[Blunder]()
+    refuse_still_joint(chain, survey)
     for gate in gates:
         while len(out) < MOST_BLUNDERS and (blunder := gate(survey)) is not None:
             out.append(blunder)

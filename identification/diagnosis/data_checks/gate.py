@@ -28,11 +28,10 @@ from identification.diagnosis.data_checks.readings import lengths_of, refuse_min
 from identification.diagnosis.data_checks.readings import refuse_wild as refuse_wild_lengths
 from identification.diagnosis.data_checks.runs_of_motions import refuse_unlike_runs
 from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
-from identification.estimation.checks import FOREIGN_MACHINE_SHARE, another, far_off, looked_over
+from identification.estimation.checks import FOREIGN_MACHINE_SHARE, WILD, another, far_off, looked_over
 from identification.estimation.result import Fit
 from identification.observation.frames import MACHINE_ERROR_SHARE
 
-WILD = 10.0  # times the distance of most rows, and
 WILD_FROM = 10 * MACHINE_ERROR_SHARE  # of the machine's size: no row of a sound recording lies so far off
 EXPLAINED = 0.01  # of the nominal error: a fit that leaves less has found it, if its errors are of a machine's size
 LARGE = 0.05  # rad or 1: error motions of a joint that a machine never has

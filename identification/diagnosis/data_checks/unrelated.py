@@ -26,6 +26,7 @@ from identification.observation.models import PositionView
 SHUFFLES = 20
 RELATED = 0.5  # of the misfit of rows that have nothing to do with each other
 STAYS = 0.1  # of the spread of the other points: points at one place
+LEAVES = 0.05  # of the spread: most points so far from a plane are not in it
 FALLS = 20.0  # times: nominal points that one change of a column brings together
 LISTED_CHANGES = 3  # changes in a message
 OWN_COMMAND = "See that each row holds what was measured at its own command"
@@ -48,6 +49,34 @@ def refuse_unstated_rotation(fit: Fit) -> None:
                 "Write frame_rotation in survey.yaml, turn what was measured into the machine's axes, or measure all "
                 "three components",
             )
+
+
+def refuse_still_joint(chain: Chain, survey: Survey) -> None:
+    """InputError where a joint that never moves keeps the nominal points in a plane, and most measured are in none.
+
+    Its log had stopped. Any change of a measured column that flattens the points would make such rows fit.
+    """
+    for rows in groups(survey):
+        columns = sheet(chain, survey.table.iloc[rows])
+        points = Points.of(chain, columns, survey.frame == "fixed")
+        points = points.part(np.flatnonzero(np.isfinite(points.measured).all(axis=1)))
+        still = [j.name for j in chain.machine.joints if np.ptp(columns[j.name]) == 0]
+        if len(points) < FEWEST or not still or not points.spread > 0:
+            continue
+        nominal, measured = (np.median(_from_plane(p)) for p in (points.nominal, points.measured))
+        if nominal < STAYS * LEAVES * points.spread and measured > max(LEAVES * points.spread, points.largest):
+            raise InputError(
+                f"{survey.table['file'].iloc[rows[0]]}, columns {' '.join(still)}",
+                "the same in all rows, so that the nominal points lie in a plane, while half of the measured ones are "
+                f"more than {measured:.3g} mm beside their own",
+                f"Write to what {' and '.join(still)} was commanded in each row: the record had stopped",
+            )
+
+
+def _from_plane(points: Array) -> Array:
+    """Distances (n,) of points (n, 3) from the plane that lies nearest to them."""
+    centred = points - np.median(points, axis=0)
+    return np.asarray(np.abs(centred @ np.linalg.svd(centred, full_matrices=False)[2][-1]))
 
 
 def refuse_unrelated(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> None:

@@ -230,10 +230,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "accepted-alone": Rule(
             SELECTION, ERRORS, "Where the preferred candidate fails, those that pass the detection are tried."
         ),
-        "joint-detection": Rule(
-            SELECTION, EVIDENCE, "Two or three effects are added together where each is clear beside the others.",
-            _in(_FORWARD, "MOST_TOGETHER", "SHAPES_TRIED") + _in(_SCORING, "DETECT"),
-        ),
         "second-sensor": Rule(
             SELECTION, EVIDENCE, "A second sensor or lag is added where it has evidence and predicts better.",
             _in(_FORWARD, "LEAST_EVIDENCE"),
@@ -369,6 +365,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "few-degrees-of-freedom": Rule(
             VERDICT, COUNT, "With few degrees of freedom left, what is left cannot be told from noise: not judged.",
+            _in("results.verdict", "FEW_DOF"),
         ),
         "serial-correlation": Rule(
             VERDICT, "um", "Residuals most of which wander along the rows are unexplained.",

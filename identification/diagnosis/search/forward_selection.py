@@ -41,7 +41,6 @@ COMPETES, MOST_COMPETING = 0.3, 4  # of the best evidence: refinements of one fi
 HARDLY = 1.05  # times the cross-validation error: a superfluous effect gains as much by chance
 MOST_FINDINGS = 12
 MOST_STEPS = 24
-MOST_TOGETHER = 3
 SHAPES_TRIED = 3.0  # log of the trials factor of one effect's shapes
 SWEEPS = 4  # over all time constants
 SETTLING_ROWS = 2.0  # rows that a time constant of a clock lasts at least
@@ -78,10 +77,9 @@ def forward_select(
         ):
             likely = _likely(model.linear, candidates, log)
             further = (
-                add_best(model, likely, log=log)
-                or add_jointly(model, likely, candidates, log)
-                or add_best(model, able := _accepted(model.linear, likely, log), log=log)
-                or add_best(model, _that_predict(model, able, log), log=log)
+                add_best(model, likely, log)
+                or add_best(model, able := _accepted(model.linear, likely, log), log)
+                or add_best(model, _that_predict(model, able, log), log)
             )
         if further is None:
             break
@@ -105,28 +103,6 @@ def forward_select(
     return conditional_scores(with_sections(backward_eliminate(model, log), log), candidates, log)
 
 
-def add_jointly(
-    model: EffectModel, likely: Likely, candidates: Candidates, log: DecisionLog = UNRECORDED
-) -> EffectModel | None:
-    """The model with two or three further effects added jointly, each accepted only given the others; or None.
-
-    While one of them is missing, its contribution looks like correlated noise.
-    """
-    trial = model
-    for _ in range(MOST_TOGETHER):
-        further = add_best(trial, likely, noise_checked=False)
-        if further is None or further.steps[len(trial.steps)].parent is not None:
-            return None
-        trial = add_second_sensor(further, candidates)
-        new = trial.findings[len(model.findings) :]
-        if len(new) > 1 and all(_accepted_beside(trial.without(g), g, "joint-detection", log) for g in new):
-            for group in new:
-                log.add("joint-detection", "added", group[0].effect, beside=_others(new, group))
-            return trial
-        likely = _likely(trial.linear, candidates, UNRECORDED)
-    return None
-
-
 def _others(groups: Sequence[Sequence[Step]], group: Sequence[Step]) -> str:
     return " ".join(named(g[0].effect) for g in groups if g is not group)
 
@@ -135,7 +111,7 @@ def backward_eliminate(model: EffectModel, log: DecisionLog = UNRECORDED) -> Eff
     """The model without findings that later ones have made superfluous, the smallest first."""
     for group in sorted(model.findings, key=lambda g: g[0].delta_chi2):
         others = [g for g in model.findings if g[0] is not group[0]]
-        if others and not _accepted_beside(model.without(group), group, "superfluous", log):
+        if others and not _accepted_beside(model.without(group), group, log):
             fewer = of_groups(model.start, others)
             errors = heldout_rms(fewer.linear), heldout_rms(model.linear)
             out = errors[0] < HARDLY * errors[1]
@@ -147,23 +123,18 @@ def backward_eliminate(model: EffectModel, log: DecisionLog = UNRECORDED) -> Eff
     return model
 
 
-def _accepted_beside(linear: LinearModel, group: Sequence[Step], rule: str, log: DecisionLog) -> bool:
+def _accepted_beside(linear: LinearModel, group: Sequence[Step], log: DecisionLog) -> bool:
     """Whether a finding passes the acceptance test under correlated noise, given the linear model."""
     effects = [s.effect for s in group if s.effect.random == group[0].effect.random]
     [(_, evidence)] = coloured.evidence(linear, [effects])
     surplus = evidence - np.log(max(group[0].trials, 1)) - SHAPES_TRIED
     clear = bool(surplus >= DETECT)
-    log.add(rule, "accepted" if clear else "refused", group[0].effect, float(surplus), DETECT)
+    log.add("superfluous", "accepted" if clear else "refused", group[0].effect, float(surplus), DETECT)
     return clear
 
 
-def add_best(
-    model: EffectModel, likely: Likely, *, noise_checked: bool = True, log: DecisionLog = UNRECORDED
-) -> EffectModel | None:
-    """The model with the best proposal added, as a finding or as a refinement; None where none is accepted.
-
-    Without `noise_checked`, the acceptance test assumes white noise.
-    """
+def add_best(model: EffectModel, likely: Likely, log: DecisionLog = UNRECORDED) -> EffectModel | None:
+    """The model with the best proposal added, as a finding or as a refinement; None where none is accepted."""
     linear = model.linear
     if likely is None:
         return None
@@ -181,7 +152,7 @@ def add_best(
     if own is not None:
         best = replace(best, parent=own)
         log.add(rule, "merged", best.effect, beside=model.steps[own].effect)
-    elif not _is_finding(model, best, explained, noise_checked, log):
+    elif not _is_finding(model, best, explained, log):
         # below the acceptance level: try the following proposals as refinements
         further = [s for s in steps if s.evidence > LEAST_EVIDENCE and refined(model, s) is not None]
         if not further:
@@ -209,9 +180,9 @@ def add_best(
     return best_growth if error < before else None
 
 
-def _is_finding(model: EffectModel, best: Step, explained: float, noise_checked: bool, log: DecisionLog) -> bool:
+def _is_finding(model: EffectModel, best: Step, explained: float, log: DecisionLog) -> bool:
     """Whether a proposal may be a finding of its own, beside those that explain so much delta chi-squared."""
-    if not accepted(model.linear, best, noise_checked=noise_checked, log=log):
+    if not accepted(model.linear, best, log=log):
         return False
     large = not best.delta_chi2 < LEAK * explained
     if explained > 0:

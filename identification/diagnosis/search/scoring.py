@@ -146,13 +146,13 @@ def evidence_in_any_noise(linear: LinearModel, steps: Sequence[Step]) -> list[fl
     return [s.evidence * max(averaged, 0.0) / max(white, 1.0) for s, (white, averaged) in zip(steps, both, strict=True)]
 
 
-def accepted(linear: LinearModel, step: Step, *, noise_checked: bool = True, log: DecisionLog = UNRECORDED) -> bool:
-    """Whether the evidence exceeds the trials factor and, if `noise_checked`, what correlated noise explains of it."""
+def accepted(linear: LinearModel, step: Step, log: DecisionLog = UNRECORDED) -> bool:
+    """Whether the evidence exceeds the trials factor and what correlated noise explains of it."""
     surplus = step.evidence - np.log(max(step.trials, 1)) - DETECT
     clear = bool(surplus >= 0)
     log.add("detection", "accepted" if clear else "refused", step.effect, surplus + DETECT, DETECT)
-    if not (clear and noise_checked):
-        return clear
+    if not clear:
+        return False
     # a discrepancy may support a name, but it is not counted towards detection
     left, noise = surplus - step.evidence_of_form, explained_by_noise(linear, step)
     clear = bool(left >= noise)
