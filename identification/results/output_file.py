@@ -125,7 +125,8 @@ class OutputFile:
 
 def check_name(path: Path) -> None:
     """Check that this system can have a file or folder of this name, in one line; InputError where it cannot."""
-    if found := CONTROL.search(str(path)):
+    new = (path, *(folder for folder in path.parents if not folder.exists()))
+    if found := CONTROL.search("".join(p.name for p in new)):
         raise InputError(ascii(str(path)), f"a name with the control character {found[0]!a}", "Give another name")
     reasons = map(impossible_on_windows, path.relative_to(path.anchor).parts) if WINDOWS else ()
     if reason := next(filter(None, reasons), None):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from errormodel.surveys.columns import MEASURED
 from identification.runtime.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -32,9 +31,7 @@ def predicted(stored: StoredFit, commands: Survey, progress: Progress = silent) 
 
 
 def notes_on(stored: StoredFit, commands: Survey) -> tuple[str, ...]:
-    """Sentences on commands: what is assumed of them, or not used, and where they lie outside of what was measured."""
+    """Sentences on commands: what their reading assumed, and where they lie outside of what was measured."""
     from identification.uncertainty.prediction import notes
 
-    given = [name for name in MEASURED if commands.table[name].notna().any()]
-    unused = (f"{' '.join(given)} are not used: a prediction is of the commands alone",) if given else ()
-    return (*commands.notes, *unused, *notes(stored, commands))
+    return (*commands.notes, *notes(stored, commands))

@@ -32,7 +32,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     text = re.sub(r"^name:.*$", "", library()[MILL].read_text(encoding="utf-8"), flags=re.M)
     quoted = HOSTILE.replace("\n", "\\n").replace("\u2028", "\\u2028")
     write(folder / "m.yaml", f'{text}\nname: "{quoted}"\n')
-    done("fit", folder / "m.yaml", folder / f"{MARK}\nG0 Z-77.csv", "--out", folder / f"{MARK}\nG0 Z-66")
+    done("fit", folder / "m.yaml", folder / f"{MARK}\nG0 Z-77.csv", "--out", folder / "fit")
+    (folder / "fit").rename(folder / f"{MARK}\nG0 Z-66")
     write(folder / f"{MARK}\nM30.nc", "G90 G21\nG0 X10 Y10 Z200\nG1 X20 F100\n")
     return folder
 
