@@ -10,7 +10,8 @@ machine. This is the random-effects model of meta-analysis (DerSimonian and Lair
 
 Machines that are not normal would widen what is normal. So both variances begin with an estimate that half of the
 machines may spoil: the value at which the median of the machines' chi-squared probabilities is one half. Machines
-beyond that are left out of the mean and the spread, and taken in again where these reach them.
+beyond that are left out of the mean and the spread, and taken in again where these reach them. Where one or two machines
+only have several surveys, no median helps; but surveys of one machine scatter no more than those of all machines do.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ LEAST_DATES = 3  # surveys at dates of their own, from which on a trend leaves s
 # chance that any of the machines of a type is left out of what is normal though it belongs there, for one quantity
 LEFT_OUT = 0.05
 MOST_ROUNDS = 20  # in which machines are left out and taken in again; it settles in two or three
+MAD_STD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 ROUND_OFF = 1e-12  # of the largest variance: smaller ones are zero
 
 
@@ -96,8 +98,9 @@ def normal(values: Array, variances: Array) -> Normal:
         kept = again
     known = n >= LEAST_MACHINES
     share = square / (square + variances) if square > 0 else np.zeros(n)
-    # what is known of a machine: its own value and the others, and of the others how well their mean is known
+    # what is known of a machine: its own value and the others, and of the others how well mean and spread are known
     pooled_variance = share * variances + (1 - share) ** 2 * mean_variance
+    pooled_variance += np.square(values - mean) * _share_variance(variances, square, kept)
     low, high = q_profile(values[kept], variances[kept])
     return Normal(
         mean, float(np.sqrt(mean_variance)), float(np.sqrt(square)), low, high, kept, mean + share * (values - mean),
@@ -117,6 +120,19 @@ def reml(values: Array, variances: Array) -> float:
         return float(np.sum(np.square(w * (values - mean))) - total + np.sum(w**2) / total)
 
     return _root(slope, values, variances)
+
+
+def _share_variance(variances: Array, square: float, kept: Mask) -> Array:
+    """Variance of spread^2 / (spread^2 + v), as the spread is estimated (Kass and Steffey, 1989).
+
+    That of the spread's square is the inverse of the information of REML. A share lies between 0 and 1.
+    """
+    w = 1 / (variances[kept] + square)
+    total = w.sum()
+    information = 0.5 * (np.sum(w**2) - 2 * np.sum(w**3) / total + (np.sum(w**2) / total) ** 2)
+    if not information > 0:
+        return np.ones(len(variances))
+    return np.minimum(np.square(variances / (variances + square) ** 2) / information, 1.0)
 
 
 def q_profile(values: Array, variances: Array, chance: float = 0.05) -> tuple[float, float]:
@@ -240,6 +256,8 @@ class PerMachine:
     values, variances : (n,) level: weighted mean of the surveys.
     trends, trend_variances : (n,) change a year; NaN where a machine has no two dates.
     p_scatter : (n,) p-value of so much scatter of a machine's surveys about its level or trend; 1 where none is seen.
+    p_beyond : (n,) the same, were it as large as the scatter of all surveys about the middle of the type.
+    shown : machines that `within` was learned from.
     """
 
     within: float
@@ -248,6 +266,8 @@ class PerMachine:
     trends: Array
     trend_variances: Array
     p_scatter: Array
+    p_beyond: Array
+    shown: int
 
 
 def per_machine(surveys: Surveys, odd: Mask | None = None) -> PerMachine:
@@ -272,8 +292,15 @@ def per_machine(surveys: Surveys, odd: Mask | None = None) -> PerMachine:
     done = _fitted(surveys, 0.0 if np.isnan(square) else square)
     from scipy.special import chdtrc
 
-    p = np.where(freedom > 0, chdtrc(np.maximum(freedom, 1), done.q), 1.0)
-    return PerMachine(float(np.sqrt(square)), done.values, done.variances, done.trends, done.trend_variances, p)
+    whole = np.square(MAD_STD * np.median(np.abs(surveys.values - np.median(surveys.values))))
+    p, beyond = (
+        np.where(freedom > 0, chdtrc(np.maximum(freedom, 1), q), 1.0)
+        for q in (done.q, _fitted(surveys, float(whole)).q)
+    )
+    return PerMachine(
+        float(np.sqrt(square)), done.values, done.variances, done.trends, done.trend_variances, p,
+        beyond if surveys.count >= LEAST_MACHINES else np.ones(len(p)), int(shown.sum()),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
