@@ -303,6 +303,30 @@ def per_machine(surveys: Surveys, odd: Mask | None = None) -> PerMachine:
     )  # fmt: skip
 
 
+def apart(surveys: Surveys, each: PerMachine, level: Normal) -> Array:
+    """P-value (N,) of each survey's distance from both its machine's other surveys and the type (Student's t).
+
+    1 where the machine has no other survey, or where its surveys lie about a level or trend as those of others do.
+    """
+    from scipy.special import stdtr
+
+    s, n = surveys, surveys.count
+    if n < LEAST_MACHINES:
+        return np.ones(len(s.values))
+    variances = s.variances + (0.0 if np.isnan(each.within) else each.within**2)
+    w = 1 / variances
+    rest = s.total(w)[s.machine] - w
+    alone = rest < ROUND_OFF * w
+    rest = np.where(alone, 1.0, rest)
+    others = (s.total(w * s.values)[s.machine] - w * s.values) / rest
+    t = np.minimum(
+        np.abs(s.values - others) / np.sqrt(variances + 1 / rest),
+        np.abs(s.values - level.mean) / np.sqrt(variances + level.spread**2 + level.mean_std**2),
+    )
+    known = ~alone & (each.p_scatter < LEFT_OUT / n)[s.machine]
+    return np.where(known, 2 * stdtr(max(level.freedom, 1), -t), 1.0)
+
+
 @dataclass(frozen=True)
 class _Fitted:
     values: Array
