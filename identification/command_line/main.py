@@ -308,8 +308,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         name = context.command_path if context is not None else "errormodel"
         found = error.format_message().rstrip(".")
         _fail(f"{name}: {found}{'' if found.endswith('?') else '.'} See {name} --help")
-    except click.exceptions.Abort:
-        click.echo("stopped: nothing was put in place", err=True)
+    except click.exceptions.Abort as error:
+        click.echo(f"stopped: {error.__cause__ or 'nothing was put in place'}", err=True)
         sys.exit(STOPPED)
     except BrokenPipeError:
         sys.exit(1)

@@ -59,11 +59,12 @@ class Entry:
 
 @dataclass(frozen=True)
 class Collected:
-    """All surveys of a fleet, in the order of the list."""
+    """All surveys of a fleet, in the order of the list; `reports`: whether each part has a report."""
 
     command: str
     listing: Listing
     entries: tuple[Entry, ...]
+    reports: bool = False
 
     def machines(self) -> dict[str, list[Entry]]:
         """Surveys of each machine, in the order of the list."""
@@ -173,7 +174,7 @@ def collected(
                 kind = row.type or str(result["machine"])
                 tables = tables_of(result["sources"], number)
                 entries.append(Entry(row, kind, result["surveys"][number], part, None, str(result["seal"]), tables))
-    whole = Collected(command, listing, tuple(sorted(entries, key=lambda e: e.row.number)))
+    whole = Collected(command, listing, tuple(sorted(entries, key=lambda e: e.row.number)), tasks[0].options.reports)
     return without_copies(whole)
 
 

@@ -10,8 +10,8 @@ machine. This is the random-effects model of meta-analysis (DerSimonian and Lair
 
 Machines that are not normal would widen what is normal. So both variances begin with an estimate that half of the
 machines may spoil: the value at which the median of the machines' chi-squared probabilities is one half. Machines
-beyond that are left out of the mean and the spread, and taken in again where these reach them. Where one or two machines
-only have several surveys, no median helps; but surveys of one machine scatter no more than those of all machines do.
+beyond that are left out of the mean and the spread, and taken in again where these reach them. Where one or two
+machines only have several surveys, no median helps; but surveys of one scatter no more than those of all machines do.
 """
 
 from __future__ import annotations
@@ -257,6 +257,8 @@ class PerMachine:
     trends, trend_variances : (n,) change a year; NaN where a machine has no two dates.
     p_scatter : (n,) p-value of so much scatter of a machine's surveys about its level or trend; 1 where none is seen.
     p_beyond : (n,) the same, were it as large as the scatter of all surveys about the middle of the type.
+    stretch : (n,) factor of the standard uncertainty of a machine whose surveys scatter more than those of others (Birge
+        ratio); 1 of all others. Variances are without it: what scatters is compared with what is normal.
     shown : machines that `within` was learned from.
     """
 
@@ -267,6 +269,7 @@ class PerMachine:
     trend_variances: Array
     p_scatter: Array
     p_beyond: Array
+    stretch: Array
     shown: int
 
 
@@ -299,7 +302,9 @@ def per_machine(surveys: Surveys, odd: Mask | None = None) -> PerMachine:
     )
     return PerMachine(
         float(np.sqrt(square)), done.values, done.variances, done.trends, done.trend_variances, p,
-        beyond if surveys.count >= LEAST_MACHINES else np.ones(len(p)), int(shown.sum()),
+        beyond if surveys.count >= LEAST_MACHINES else np.ones(len(p)),
+        np.where(p < LEFT_OUT / len(p), np.sqrt(np.maximum(done.q, freedom) / np.maximum(freedom, 1)), 1.0),
+        int(shown.sum()),
     )  # fmt: skip
 
 

@@ -96,8 +96,9 @@ def without_copies(collected: Collected) -> Collected:
         if first is not e:
             found = f"{e.row.survey}: byte for byte {first.row.survey}, the survey of row {first.row.number}"
             failure = Failure(f"{found}, and no further measurement. Take the row out, or name the file that was meant")
-            e = replace(e, data=None, part="", seal="", failure=failure)
-        entries.append(e)
+            entries.append(replace(e, data=None, part="", seal="", failure=failure))
+        else:
+            entries.append(e)
     return replace(collected, entries=tuple(entries))
 
 

@@ -53,7 +53,7 @@ def usual(what: Watched, of: Normal, per: str = "", difference: bool = False) ->
     if of.spread > 0.05 * spread:  # it has digits beside the interval's
         return amount(what, of.mean, of.spread, per, difference, min(of.spread, of.mean_std))
     mean, _, rest = amount(what, of.mean, spread, per, difference).partition(" ± ")
-    return f"{mean} ± less than {rest}"
+    return f"{mean}, spread below {rest}"
 
 
 def amount(what: Watched, value: float, std: float, per: str = "", difference: bool = False, least: float = 0.0) -> str:
@@ -186,7 +186,7 @@ def fleet_lines(result: FleetResult) -> Iterator[str]:
     said = [note_text(n) for n in result.notes] + list(copies(result.collected))
     if said:
         yield "\nnotes"
-        yield from listed(said, MOST_NOTES, "fleet.html")
+        yield from listed(said, MOST_NOTES, "fleet.json")
     if not result.complete:
         yield "\nfailed"
         for _, row in result.failures.head(MOST_FAILURES).iterrows():

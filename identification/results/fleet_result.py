@@ -121,8 +121,9 @@ class FleetResult:
             ):
                 trend[name][q.dated] = own
         out, drifts = ([(start + int(m), k, id(q)) in found for m in q.machines] for k in (LEVEL, TREND))
-        own = np.array(out) | np.array(drifts)  # no member of its type: what it is, its own surveys say
-        values, std = q.each.values, np.sqrt(q.each.variances)
+        # no member of its type, or its surveys no members of one machine: what it is, its own surveys say
+        own = np.array(out) | np.array(drifts) | (q.each.stretch > 1)
+        values, std = q.each.values, np.sqrt(q.each.variances) * q.each.stretch
         for name in ("trend", "trend_std"):
             pooled = name.replace("trend", "trend_pooled")
             trend[pooled][own] = trend[name][own]
