@@ -37,7 +37,7 @@ class Quantity:
     moves : mm (rms over a survey) that the tool moves by per unit; NaN where that is not known.
     surveys : how many there are of it.
     entries : (N,) numbers of these among the surveys of the type.
-    far : (N,) p-value of so much distance from the machine's other surveys and from the type; 1 where that is not known.
+    far : (N,) p-value of so much distance from the machine's other surveys and from the type; 1 where it is unknown.
     """
 
     what: Watched

@@ -132,7 +132,7 @@ def _share_variance(variances: Array, square: float, kept: Mask) -> Array:
     information = 0.5 * (np.sum(w**2) - 2 * np.sum(w**3) / total + (np.sum(w**2) / total) ** 2)
     if not information > 0:
         return np.ones(len(variances))
-    return np.minimum(np.square(variances / (variances + square) ** 2) / information, 1.0)
+    return np.asarray(np.minimum(np.square(variances / (variances + square) ** 2) / information, 1.0))
 
 
 def q_profile(values: Array, variances: Array, chance: float = 0.05) -> tuple[float, float]:
@@ -257,8 +257,8 @@ class PerMachine:
     trends, trend_variances : (n,) change a year; NaN where a machine has no two dates.
     p_scatter : (n,) p-value of so much scatter of a machine's surveys about its level or trend; 1 where none is seen.
     p_beyond : (n,) the same, were it as large as the scatter of all surveys about the middle of the type.
-    stretch : (n,) factor of the standard uncertainty of a machine whose surveys scatter more than those of others (Birge
-        ratio); 1 of all others. Variances are without it: what scatters is compared with what is normal.
+    stretch : (n,) factor of the standard uncertainty of a machine whose surveys scatter more than those of others
+        (Birge ratio); 1 of all others. Variances are without it: what scatters is compared with what is normal.
     shown : machines that `within` was learned from.
     """
 
