@@ -229,9 +229,8 @@ def quantity(what: Watched, machines: Index, surveys: Surveys, moves: float) -> 
     surveys = Surveys(surveys.values, np.maximum(surveys.variances, floor), surveys.machine, surveys.date)
     first = per_machine(surveys)
     level, (trend, dated) = normal(first.values, first.variances), _trend(first)
-    # scatter within machines is learned from those that neither changed nor scatter more than the others, or than all
-    # surveys of the type do
-    odd = np.minimum(first.p_scatter, first.p_beyond) < LEFT_OUT / len(machines)
+    # scatter within machines is learned from those that neither changed nor scatter more than the others
+    odd = first.p_scatter < LEFT_OUT / len(machines)
     if trend is not None:
         odd[dated[~trend.kept]] = True
     each = per_machine(surveys, odd)

@@ -256,7 +256,6 @@ class PerMachine:
     values, variances : (n,) level: weighted mean of the surveys.
     trends, trend_variances : (n,) change a year; NaN where a machine has no two dates.
     p_scatter : (n,) p-value of so much scatter of a machine's surveys about its level or trend; 1 where none is seen.
-    p_beyond : (n,) the same, were it as large as the scatter of all surveys about the middle of the type.
     stretch : (n,) factor of the standard uncertainty of a machine whose surveys scatter more than those of others
         (Birge ratio); 1 of all others. Variances are without it: what scatters is compared with what is normal.
     shown : machines that `within` was learned from.
@@ -268,7 +267,6 @@ class PerMachine:
     trends: Array
     trend_variances: Array
     p_scatter: Array
-    p_beyond: Array
     stretch: Array
     shown: int
 
@@ -292,17 +290,15 @@ def per_machine(surveys: Surveys, odd: Mask | None = None) -> PerMachine:
             return _half(q, freedom[shown]) if odd is None else float(q.sum() - freedom[shown].sum())
 
         square = _root(gap, surveys.values, surveys.variances)
+        if surveys.count >= LEAST_MACHINES:  # it is no larger than the scatter of all about the middle of the type
+            whole = MAD_STD * np.median(np.abs(surveys.values - np.median(surveys.values)))
+            square = min(square, float(whole) ** 2)
     done = _fitted(surveys, 0.0 if np.isnan(square) else square)
     from scipy.special import chdtrc
 
-    whole = np.square(MAD_STD * np.median(np.abs(surveys.values - np.median(surveys.values))))
-    p, beyond = (
-        np.where(freedom > 0, chdtrc(np.maximum(freedom, 1), q), 1.0)
-        for q in (done.q, _fitted(surveys, float(whole)).q)
-    )
+    p = np.where(freedom > 0, chdtrc(np.maximum(freedom, 1), done.q), 1.0)
     return PerMachine(
         float(np.sqrt(square)), done.values, done.variances, done.trends, done.trend_variances, p,
-        beyond if surveys.count >= LEAST_MACHINES else np.ones(len(p)),
         np.where(p < LEFT_OUT / len(p), np.sqrt(np.maximum(done.q, freedom) / np.maximum(freedom, 1)), 1.0),
         int(shown.sum()),
     )  # fmt: skip
