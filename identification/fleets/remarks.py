@@ -79,11 +79,11 @@ def far_surveys(collected: Collected, compared: Compared) -> list[Far]:
         found: dict[int, list[tuple[float, Quantity, int]]] = {}
         for q in t.quantities:
             limit = compared.rate / max(len(entries) * len(t.quantities), 1)
-            for place in np.flatnonzero(q.far <= limit):
-                found.setdefault(int(q.entries[place]), []).append((float(q.far[place]), q, int(place)))
+            for place in np.flatnonzero(q.far <= limit).tolist():
+                found.setdefault(int(q.entries[place]), []).append((float(q.far[place]), q, place))
         for k, own in sorted(found.items()):
-            _, q, place = min(own, key=lambda f: f[0])
-            out.append(Far(entries[k], len(own), len(t.quantities), q, place))
+            _, farthest, place = min(own, key=lambda f: f[0])
+            out.append(Far(entries[k], len(own), len(t.quantities), farthest, place))
     return out
 
 
