@@ -31,6 +31,16 @@ class InputError(ErrorModelError):
         return f"{self.where}: {self.found}" + (f". {self.cure}" if self.cure else "")
 
 
+class NoRowsError(InputError):
+    """A table with nothing below its header; of several parts the others may do."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name, "no rows below the header", "Give a row a pose")
+
+    def __reduce__(self) -> tuple[type[NoRowsError], tuple[str]]:
+        return type(self), (self.where,)
+
+
 class EffectError(InputError):
     """Invalid key of an effect's entry; `key` is its name."""
 

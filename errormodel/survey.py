@@ -14,13 +14,13 @@ from errormodel.channels import direction
 from errormodel.conventions import MOTIONS
 from errormodel.drives import check_series, in_step
 from errormodel.effects.axis_blunder import mended
-from errormodel.exceptions import InputError, nearest
+from errormodel.exceptions import InputError, NoRowsError, nearest
 from errormodel.formats import data_frame, open_tables
 from errormodel.formats.base import Table
 from errormodel.instruments.base import Instrument
 from errormodel.machine import Machine
 from errormodel.observations.base import Observation
-from errormodel.surveys.checks import Part, read_part, run_labels
+from errormodel.surveys.checks import Part, left_out, read_part, run_labels
 from errormodel.surveys.columns import (
     MEASURED,
     MOTION_UNCERTAINTIES,
@@ -270,7 +270,16 @@ def _read_file(
         if other:
             found = f"not the same columns as in {tables[0].name}: {', '.join(other)}"
             raise InputError(f"{table.name}, header", found, "Give all parts of a folder the same columns")
-    parts = [read_part(table, plan, machine, form.units, measured) for table, plan in zip(tables, plans, strict=True)]
+    parts, empty = [], list[str]()
+    for table, plan in zip(tables, plans, strict=True):
+        try:
+            parts.append(read_part(table, plan, machine, form.units, measured))
+        except NoRowsError:
+            if len(tables) == 1:
+                raise
+            empty.append(left_out(table))
+    if not parts:
+        raise NoRowsError(entry.path)
     if len({part.dated for part in parts}) > 1:
         raise InputError(entry.path, "times as dates in some parts, as numbers in others", "Write all in one way")
     frame = parts[0].frame
@@ -278,7 +287,7 @@ def _read_file(
         frame = pd.concat([part.frame for part in parts], ignore_index=True)
         frame["row"] = np.arange(1, len(frame) + 1)
     frame["role"] = entry.role
-    notes = [note for plan in plans for note in plan.notes] + [note for part in parts for note in part.notes]
+    notes = empty + [note for plan in plans for note in plan.notes] + [note for part in parts for note in part.notes]
     return Part(frame, parts[0].dated, tuple(notes))
 
 

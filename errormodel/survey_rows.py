@@ -17,12 +17,12 @@ import pandas as pd
 from errormodel.channels import DERIVED_CHANNEL, root
 from errormodel.drives import check_series, in_step
 from errormodel.effects.axis_blunder import mended
-from errormodel.exceptions import InputError
+from errormodel.exceptions import InputError, NoRowsError
 from errormodel.formats import data_frame, open_tables
 from errormodel.formats.base import RowRanges, Table
 from errormodel.machine import Machine
 from errormodel.survey import Survey, assemble, name_of
-from errormodel.surveys.checks import Part, read_part
+from errormodel.surveys.checks import Part, left_out, read_part
 from errormodel.surveys.columns import (
     MEASURED,
     ORIENTATION,
@@ -245,7 +245,7 @@ def open_rows(
         before, all_columns = 0, set[str]()
         for table in tables:
             plan = plan_columns(table, machine, form.columns, measured)
-            if parts and (other := sorted(set(plan.ours) ^ all_columns)):
+            if all_columns and (other := sorted(set(plan.ours) ^ all_columns)):
                 found = f"not the same columns as in {tables[0].name}: {', '.join(other)}"
                 raise InputError(f"{table.name}, header", found, "Give all parts of a folder the same columns")
             all_columns = set(plan.ours)
@@ -253,9 +253,19 @@ def open_rows(
             if not every:
                 _check_course(table, plan, channels, measured)
             notes |= dict.fromkeys(f"{label}: {note}" for note in plan.notes)
-            ranges = table.in_ranges()
+            try:
+                ranges = table.in_ranges()
+                if not len(ranges):
+                    raise NoRowsError(table.name)
+            except NoRowsError:
+                if len(tables) == 1:
+                    raise
+                notes[left_out(table)] = None
+                continue
             parts.append((table, ranges, plan if every else _needed(plan, machine, channels, measured), before))
             before += len(ranges)
+        if not parts:
+            raise NoRowsError(entry.path)
         files.append(RowsOfFile(entry, label, tuple(parts)))
     check_units(document, machine, form.units, named)
     if measured and all(f.entry.role == "test" for f in files):

@@ -88,5 +88,6 @@ def _parts(folder: Path, name: str, files: Iterable[Path]) -> list[Path]:
     kinds = {_MODULES[p.suffix.lower()] for p in parts}
     if len(kinds) > 1:  # most likely the same data twice
         found = f"a folder with both {' and '.join(sorted({p.suffix.lower() for p in parts}))} files"
-        raise InputError(name, found, "Keep one kind there")
+        cure = "Keep one kind there; if all are parts, name each under files: in a survey.yaml, and give that"
+        raise InputError(name, found, cure)
     return sorted(parts, key=lambda p: ([int(t) if t.isdigit() else t for t in re.split(r"(\d+)", p.name)], p.name))

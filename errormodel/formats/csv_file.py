@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from errormodel.exceptions import InputError
+from errormodel.exceptions import InputError, NoRowsError
 from errormodel.formats.base import NO_VALUE_WORDS, RowRanges, Table, as_numbers, decimal_numbers, words_note
 from errormodel.formats.csv_ranges import PLAIN_CURE, Lines, read_plain
 from errormodel.formats.digit_groups import ungrouped
@@ -152,7 +152,7 @@ class CsvTable(Table):
                     empty = False
                     yield part
         if empty:
-            raise InputError(self.name, "no rows below the header", "Give a row a pose")
+            raise NoRowsError(self.name)
 
     @contextmanager
     def _rows(self) -> Iterator[Any]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from errormodel.arrays import Index
-from errormodel.exceptions import InputError
+from errormodel.exceptions import InputError, NoRowsError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,7 +65,7 @@ class Lines:
                 count += len(firsts)
                 at, before = at + len(piece), piece[-2:] or before
         if not count:
-            raise InputError(name, "no rows below the header", "Give a row a pose")
+            raise NoRowsError(name)
         return cls((*marks, at), count)
 
     def bytes_of(self, path: Path, start: int, stop: int) -> tuple[int, int]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from errormodel.conventions import MOTIONS, ROTATIONS
 from errormodel.drives import as_one
-from errormodel.exceptions import InputError, nearest
+from errormodel.exceptions import InputError, NoRowsError, nearest
 from errormodel.files import without_apostrophes
 from errormodel.formats.base import Table, as_numbers
 from errormodel.instruments.base import LARGEST_SIGMA, LEAST_SIGMA
@@ -93,6 +93,11 @@ class _Offences:
             raise InputError(self.table.cell(row, self.plan.ours[column]), found, cure)
 
 
+def left_out(table: Table) -> str:
+    """Note on a part of several that holds nothing."""
+    return f"{table.name} has no rows below its header, and is left out"
+
+
 def read_part(table: Table, plan: Plan, machine: Machine, units: SurveyUnits, measured: bool) -> Part:
     """Read one file (or one part of a folder), check it and convert it to mm, rad, s and degC.
 
@@ -108,7 +113,7 @@ def read_part(table: Table, plan: Plan, machine: Machine, units: SurveyUnits, me
     if empty.any():  # spreadsheets often add empty rows at the end
         raw = raw[~empty]
     if raw.empty:
-        raise InputError(table.name, "no rows below the header", "Give a row a pose")
+        raise NoRowsError(table.name)
 
     offences = _Offences(table, plan, raw)
     values = {name: _numbers(offences, name) for name in plan.numbers}

@@ -35,6 +35,7 @@ def fleet(
     standard: str = "all",
     reports: bool = False,
     announce: Callable[[str], None] = lambda _text: None,
+    warn: Callable[[str], None] = lambda _text: None,
     progress: Progress = silent,
     steps: Steps = uncounted,
 ) -> FleetResult:
@@ -66,6 +67,8 @@ def fleet(
         Write the report of each part, too.
     announce : callable
         Called with a sentence for the user, such as the address of Dask's dashboard.
+    warn : callable
+        Called with the first failure of each kind as it happens.
     progress, steps : callable
         Called with the name of each long part, and of work that knows how far it is; return context managers.
 
@@ -101,7 +104,7 @@ def fleet(
     folder = out if isinstance(out, ResultsFolder) else ResultsFolder(Path(out), "fleet")
 
     def done() -> FleetResult:
-        result = run_fleet(listing, folder, command, crew, work, rate, standard, reports, steps)
+        result = run_fleet(listing, folder, command, crew, work, rate, standard, reports, warn, steps)
         result.save(folder, progress=progress)
         return result
 

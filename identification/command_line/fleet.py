@@ -55,7 +55,7 @@ def fleet(
 
     result = api.fleet(
         listing, out, command=name, engine=engine, scheduler=scheduler, workers=workers, rate=rate, standard=standard,
-        reports=reports, announce=say, progress=working, steps=counting,
+        reports=reports, announce=say, warn=lambda text: show_notes((text,)), progress=working, steps=counting,
     )  # fmt: skip
     show_notes(out.notes)
     if result.taken:

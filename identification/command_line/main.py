@@ -32,7 +32,7 @@ from identification.command_line.console import (
     show_notes,
     working,
 )
-from identification.command_line.interruption import exit_code, interruption_behind
+from identification.command_line.interruption import exit_code, interruption_behind, kept_of
 from identification.results.terminal import one_line
 
 if TYPE_CHECKING:
@@ -313,8 +313,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         found = error.format_message().rstrip(".")
         _fail(f"{name}: {found}{'' if found.endswith('?') else '.'} See {name} --help")
     except click.exceptions.Abort as error:
-        click.echo("stopped: nothing was put in place", err=True)
-        sys.exit(exit_code(interruption_behind(error)))
+        interruption = interruption_behind(error)
+        click.echo(f"stopped: {kept_of(interruption)}", err=True)
+        sys.exit(exit_code(interruption))
     except BrokenPipeError:
         sys.exit(1)
     except MemoryError:

@@ -11,6 +11,7 @@ import numpy as np
 from identification.fleets.estimates import Estimates
 from identification.fleets.listing import Listing, Row
 from identification.fleets.parts import Failure, Task
+from identification.fleets.remarks import tables_of, without_copies
 from identification.results.folder_contents import PARTS
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ class Entry:
     type : of the machine, as the list or else the machine's file says; "" where neither is known.
     data : of its record; None where it failed.
     part : its folder of results, below that of the fleet; `seal` : SHA-256 of the manifest there.
+    tables : digests of the tables that it was read from.
     """
 
     row: Row
@@ -38,11 +40,17 @@ class Entry:
     part: str
     failure: Failure | None = None
     seal: str = ""
+    tables: tuple[str, ...] = ()
 
     @property
     def estimates(self) -> Estimates:
         assert self.data is not None
         return Estimates.of_json(self.data["estimates"])
+
+    @property
+    def named(self) -> dict[str, Any]:
+        """Which survey it is."""
+        return {"row": self.row.number, "id": self.row.id, "survey": self.row.survey}
 
     @property
     def findings(self) -> Sequence[Mapping[str, Any]]:
@@ -51,11 +59,12 @@ class Entry:
 
 @dataclass(frozen=True)
 class Collected:
-    """All surveys of a fleet, in the order of the list."""
+    """All surveys of a fleet, in the order of the list; `reports`: whether each part has a report."""
 
     command: str
     listing: Listing
     entries: tuple[Entry, ...]
+    reports: bool = False
 
     def machines(self) -> dict[str, list[Entry]]:
         """Surveys of each machine, in the order of the list."""
@@ -163,8 +172,10 @@ def collected(
                 entries.append(Entry(row, row.type, None, "", result))
             else:
                 kind = row.type or str(result["machine"])
-                entries.append(Entry(row, kind, result["surveys"][number], part, seal=str(result["seal"])))
-    return Collected(command, listing, tuple(sorted(entries, key=lambda e: e.row.number)))
+                tables = tables_of(result["sources"], number)
+                entries.append(Entry(row, kind, result["surveys"][number], part, None, str(result["seal"]), tables))
+    whole = Collected(command, listing, tuple(sorted(entries, key=lambda e: e.row.number)), tasks[0].options.reports)
+    return without_copies(whole)
 
 
 def _number(value: Any) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +13,7 @@ from identification.fleets.collecting import Collected, Entry
 from identification.fleets.common import Shown, common_effects, common_parameters, own_findings
 from identification.fleets.estimates import reference
 from identification.fleets.false_alarms import Selected, selected
-from identification.fleets.partial_pooling import LEFT_OUT, Normal, PerMachine, Surveys, normal, per_machine
+from identification.fleets.partial_pooling import LEFT_OUT, Normal, PerMachine, Surveys, apart, normal, per_machine
 from identification.monitoring.quantities import Watched
 
 if TYPE_CHECKING:
@@ -36,6 +36,8 @@ class Quantity:
     trend : the same of the changes a year; None where too few machines have two dates. `dated` : (n,) those that have.
     moves : mm (rms over a survey) that the tool moves by per unit; NaN where that is not known.
     surveys : how many there are of it.
+    entries : (N,) numbers of these among the surveys of the type.
+    far : (N,) p-value of so much distance from the machine's other surveys and from the type; 1 where it is unknown.
     """
 
     what: Watched
@@ -46,6 +48,8 @@ class Quantity:
     dated: Index
     moves: float
     surveys: int
+    entries: Index
+    far: Array
 
 
 @dataclass(frozen=True)
@@ -209,7 +213,8 @@ def quantities_of(machines: Sequence[Sequence[Entry]]) -> tuple[Quantity, ...]:
         own = np.searchsorted(shown, number[seen])
         known = moves[seen, j]
         lever = float(np.nanmedian(known)) if np.isfinite(known).any() else float("nan")
-        out.append(quantity(w, shown, Surveys(values[seen, j], variances[seen, j], own, date[seen]), lever))
+        surveys = Surveys(values[seen, j], variances[seen, j], own, date[seen])
+        out.append(replace(quantity(w, shown, surveys, lever), entries=np.flatnonzero(seen)))
     return tuple(out)
 
 
@@ -230,7 +235,9 @@ def quantity(what: Watched, machines: Index, surveys: Surveys, moves: float) -> 
         odd[dated[~trend.kept]] = True
     each = per_machine(surveys, odd)
     level, (trend, dated) = normal(each.values, each.variances), _trend(each)
-    return Quantity(what, machines, each, level, trend, dated, moves, len(surveys.values))
+    count = len(surveys.values)
+    far = apart(surveys, each, level)
+    return Quantity(what, machines, each, level, trend, dated, moves, count, np.arange(count), far)
 
 
 def _trend(each: PerMachine) -> tuple[Normal | None, Index]:

@@ -10,7 +10,8 @@ machine. This is the random-effects model of meta-analysis (DerSimonian and Lair
 
 Machines that are not normal would widen what is normal. So both variances begin with an estimate that half of the
 machines may spoil: the value at which the median of the machines' chi-squared probabilities is one half. Machines
-beyond that are left out of the mean and the spread, and taken in again where these reach them.
+beyond that are left out of the mean and the spread, and taken in again where these reach them. Where one or two
+machines only have several surveys, no median helps; but surveys of one scatter no more than those of all machines do.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ LEAST_DATES = 3  # surveys at dates of their own, from which on a trend leaves s
 # chance that any of the machines of a type is left out of what is normal though it belongs there, for one quantity
 LEFT_OUT = 0.05
 MOST_ROUNDS = 20  # in which machines are left out and taken in again; it settles in two or three
+MAD_STD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 ROUND_OFF = 1e-12  # of the largest variance: smaller ones are zero
 
 
@@ -96,8 +98,9 @@ def normal(values: Array, variances: Array) -> Normal:
         kept = again
     known = n >= LEAST_MACHINES
     share = square / (square + variances) if square > 0 else np.zeros(n)
-    # what is known of a machine: its own value and the others, and of the others how well their mean is known
+    # what is known of a machine: its own value and the others, and of the others how well mean and spread are known
     pooled_variance = share * variances + (1 - share) ** 2 * mean_variance
+    pooled_variance += np.square(values - mean) * _share_variance(variances, square, kept)
     low, high = q_profile(values[kept], variances[kept])
     return Normal(
         mean, float(np.sqrt(mean_variance)), float(np.sqrt(square)), low, high, kept, mean + share * (values - mean),
@@ -117,6 +120,19 @@ def reml(values: Array, variances: Array) -> float:
         return float(np.sum(np.square(w * (values - mean))) - total + np.sum(w**2) / total)
 
     return _root(slope, values, variances)
+
+
+def _share_variance(variances: Array, square: float, kept: Mask) -> Array:
+    """Variance of spread^2 / (spread^2 + v), as the spread is estimated (Kass and Steffey, 1989).
+
+    That of the spread's square is the inverse of the information of REML. A share lies between 0 and 1.
+    """
+    w = 1 / (variances[kept] + square)
+    total = w.sum()
+    information = 0.5 * (np.sum(w**2) - 2 * np.sum(w**3) / total + (np.sum(w**2) / total) ** 2)
+    if not information > 0:
+        return np.ones(len(variances))
+    return np.asarray(np.minimum(np.square(variances / (variances + square) ** 2) / information, 1.0))
 
 
 def q_profile(values: Array, variances: Array, chance: float = 0.05) -> tuple[float, float]:
@@ -240,6 +256,9 @@ class PerMachine:
     values, variances : (n,) level: weighted mean of the surveys.
     trends, trend_variances : (n,) change a year; NaN where a machine has no two dates.
     p_scatter : (n,) p-value of so much scatter of a machine's surveys about its level or trend; 1 where none is seen.
+    stretch : (n,) factor of the standard uncertainty of a machine whose surveys scatter more than those of others
+        (Birge ratio); 1 of all others. Variances are without it: what scatters is compared with what is normal.
+    shown : machines that `within` was learned from.
     """
 
     within: float
@@ -248,6 +267,8 @@ class PerMachine:
     trends: Array
     trend_variances: Array
     p_scatter: Array
+    stretch: Array
+    shown: int
 
 
 def per_machine(surveys: Surveys, odd: Mask | None = None) -> PerMachine:
@@ -269,11 +290,42 @@ def per_machine(surveys: Surveys, odd: Mask | None = None) -> PerMachine:
             return _half(q, freedom[shown]) if odd is None else float(q.sum() - freedom[shown].sum())
 
         square = _root(gap, surveys.values, surveys.variances)
+        if surveys.count >= LEAST_MACHINES:  # it is no larger than the scatter of all about the middle of the type
+            whole = MAD_STD * np.median(np.abs(surveys.values - np.median(surveys.values)))
+            square = min(square, float(whole) ** 2)
     done = _fitted(surveys, 0.0 if np.isnan(square) else square)
     from scipy.special import chdtrc
 
     p = np.where(freedom > 0, chdtrc(np.maximum(freedom, 1), done.q), 1.0)
-    return PerMachine(float(np.sqrt(square)), done.values, done.variances, done.trends, done.trend_variances, p)
+    return PerMachine(
+        float(np.sqrt(square)), done.values, done.variances, done.trends, done.trend_variances, p,
+        np.where(p < LEFT_OUT / len(p), np.sqrt(np.maximum(done.q, freedom) / np.maximum(freedom, 1)), 1.0),
+        int(shown.sum()),
+    )  # fmt: skip
+
+
+def apart(surveys: Surveys, each: PerMachine, level: Normal) -> Array:
+    """P-value (N,) of each survey's distance from both its machine's other surveys and the type (Student's t).
+
+    1 where the machine has no other survey, or where its surveys lie about a level or trend as those of others do.
+    """
+    from scipy.special import stdtr
+
+    s, n = surveys, surveys.count
+    if n < LEAST_MACHINES:
+        return np.ones(len(s.values))
+    variances = s.variances + (0.0 if np.isnan(each.within) else each.within**2)
+    w = 1 / variances
+    rest = s.total(w)[s.machine] - w
+    alone = rest < ROUND_OFF * w
+    rest = np.where(alone, 1.0, rest)
+    others = (s.total(w * s.values)[s.machine] - w * s.values) / rest
+    t = np.minimum(
+        np.abs(s.values - others) / np.sqrt(variances + 1 / rest),
+        np.abs(s.values - level.mean) / np.sqrt(variances + level.spread**2 + level.mean_std**2),
+    )
+    known = ~alone & (each.p_scatter < LEFT_OUT / n)[s.machine]
+    return np.where(known, 2 * stdtr(max(level.freedom, 1), -t), 1.0)
 
 
 @dataclass(frozen=True)

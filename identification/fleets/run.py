@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import signal
 import time
 from collections.abc import Callable
 from functools import partial
@@ -11,9 +13,10 @@ from typing import Any
 
 from identification.fleets.collecting import collected, tasks_of
 from identification.fleets.comparison import compare
-from identification.fleets.listing import read_list
+from identification.fleets.listing import Row, read_list
 from identification.fleets.parts import HOLDS, Failure, Made, Options, Task, finished, folder_of, kept, seal_of
 from identification.results.fleet_result import FleetResult
+from identification.results.folder_contents import PARTS
 from identification.results.json_text import dumps
 from identification.results.results_folder import ResultsFolder
 from identification.runtime.engines import Crew, WorkerDiedError
@@ -34,6 +37,7 @@ def run_fleet(
     rate: float,
     standard: str,
     reports: bool,
+    warn: Callable[[str], None],
     steps: Steps,
 ) -> FleetResult:
     """Run a command on all surveys of a list.
@@ -42,11 +46,14 @@ def run_fleet(
     ----------
     work : makes one part, in whatever process.
     rate : see `identification.fleets.comparison.compare`.
+    warn : called with the first failure of each kind as it happens.
 
     Raises
     ------
     InputError
         The list is wrong, or the folder may not be written.
+    KeyboardInterrupt
+        With the number of the signal, and what is kept.
     """
     listing = read_list(source)
     folder.check()
@@ -66,23 +73,61 @@ def run_fleet(
         ResultsFolder(folder_of(folder.path, tasks[k]), HOLDS).check()
     if left:
         word = f"{command} on {len(left)} of {len(tasks)} parts{f', {taken} taken up' if taken else ''}"
-        with steps(word) as far:
-            pace = _Pace(len(left), far)
-            for number, outcome in crew.each(work, [tasks[k] for k in left]):
-                k = left[number]
-                if isinstance(outcome, Made):
-                    kept(folder.path, tasks[k], outcome)
-                    read = json.loads(dumps(outcome.record))  # as it is when it is taken up
-                    results[k] = read | {"seal": seal_of(folder.path, tasks[k])}
-                elif isinstance(outcome, Failure):
-                    results[k] = outcome
-                else:
-                    known = isinstance(outcome, WorkerDiedError)
-                    results[k] = Failure(str(outcome) if known else f"{type(outcome).__name__}: {outcome}", False)
-                pace.step(isinstance(results[k], Failure))
+        try:
+            with steps(word) as far:
+                _made(folder, crew, work, {k: tasks[k] for k in left}, results, warn, far)
+        except KeyboardInterrupt as error:
+            count = sum(not isinstance(r, Failure) for r in results.values())
+            said = (
+                f"{count} of {len(tasks)} parts are kept in {folder.path / PARTS}, and the same command goes on there"
+            )
+            raise KeyboardInterrupt(error.args[0] if error.args else signal.SIGINT, said) from error
     whole = collected(command, listing, tasks, results)
     with steps("Comparing machines"):
         return FleetResult(whole, compare(whole, rate), taken)
+
+
+def _made(
+    folder: ResultsFolder,
+    crew: Crew,
+    work: Callable[[Task], Made | Failure],
+    tasks: dict[int, Task],
+    results: dict[int, dict[str, Any] | Failure],
+    warn: Callable[[str], None],
+    far: Callable[[float, str], None],
+) -> None:
+    """Make parts, and put what came of each into `results`."""
+    pace, kinds = _Pace(len(tasks), far), set[str]()
+    numbers = list(tasks)
+    for number, outcome in crew.each(work, list(tasks.values())):
+        k = numbers[number]
+        if isinstance(outcome, Made):
+            kept(folder.path, tasks[k], outcome)
+            read = json.loads(dumps(outcome.record))  # as it is when it is taken up
+            results[k] = read | {"seal": seal_of(folder.path, tasks[k])}
+        else:
+            results[k] = failure = _failure(outcome)
+            row = tasks[k].rows[0]
+            kind = _kind(failure.message, row)
+            if kind not in kinds:
+                warn(f"row {row.number}, {row.id}: {failure.message}")
+            kinds.add(kind)
+        pace.step(isinstance(results[k], Failure))
+
+
+def _failure(outcome: Failure | Exception) -> Failure:
+    if isinstance(outcome, Failure):
+        return outcome
+    known = isinstance(outcome, WorkerDiedError)
+    return Failure(str(outcome) if known else f"{type(outcome).__name__}: {outcome}", False)
+
+
+def _kind(message: str, row: Row) -> str:
+    """What a failure is, whatever file, row, column or cell."""
+    for name in (row.survey, row.machine):
+        message = message.replace(name, "")
+    where, _, found = message.partition(": ")
+    return re.sub(r"'[^']*'|\d+", "", (found or where).partition(". ")[0])
 
 
 class _Pace:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import floor, log10
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from identification.fleets.comparison import EFFECT, TREND, Test
-from identification.fleets.partial_pooling import LEAST_MACHINES
+from identification.fleets.partial_pooling import LEAST_MACHINES, Normal
+from identification.fleets.remarks import Far, Noted, copies
 from identification.monitoring.quantities import Watched
 from identification.results.parameter_table import decimals, printed
 from identification.results.terminal import table_lines
@@ -17,7 +18,9 @@ from identification.results.terminal import table_lines
 if TYPE_CHECKING:
     from identification.results.fleet_result import FleetResult
 
-MOST_VISITS, MOST_COMMON, MOST_FAILURES = 12, 8, 8  # lines of what the command prints
+MOST_VISITS, MOST_COMMON, MOST_FAILURES, MOST_NOTES = 12, 8, 8, 12  # lines of what the command prints
+
+FEW_WITHIN = 3  # machines, below which one of them may be all that says how much surveys of one machine differ
 
 
 def reason(test: Test) -> str:
@@ -33,13 +36,24 @@ def reason(test: Test) -> str:
         assert q.trend is not None
         at = int(np.searchsorted(q.dated, k))
         rate, std = q.each.trends[k], float(np.sqrt(q.each.trend_variances[k]))
-        rest = amount(q.what, q.trend.mean, q.trend.spread, "a year", True, q.trend.mean_std)
+        rest = usual(q.what, q.trend, "a year", difference=True)
         change = amount(q.what, rate, std, "a year", difference=True)
         away = f"{abs(q.trend.t[at]):.1f} standard deviations"
         return f"{q.what.name} changes by {change} (of the type {rest}): {away}{tool}"
     own = amount(q.what, q.each.values[k], float(np.sqrt(q.each.variances[k])))
-    rest = amount(q.what, q.level.mean, q.level.spread, least=q.level.mean_std)
+    rest = usual(q.what, q.level)
     return f"{q.what.name} {own} (of the type {rest}): {abs(q.level.t[k]):.1f} standard deviations{tool}"
+
+
+def usual(what: Watched, of: Normal, per: str = "", difference: bool = False) -> str:
+    """Mean and spread of a type; where no spread is seen, how large it may be."""
+    if what.is_log and difference:
+        return amount(what, of.mean, of.spread, per, difference=True)
+    spread = of.high if np.isfinite(of.high) and of.high > 0 else of.mean_std
+    if of.spread > 0.05 * spread:  # it has digits beside the interval's
+        return amount(what, of.mean, of.spread, per, difference, min(of.spread, of.mean_std))
+    mean, _, rest = amount(what, of.mean, spread, per, difference).partition(" ± ")
+    return f"{mean}, spread below {rest}"
 
 
 def amount(what: Watched, value: float, std: float, per: str = "", difference: bool = False, least: float = 0.0) -> str:
@@ -84,6 +98,43 @@ def common_text(row: Any) -> str:
     return f"{row['type']}: {name} is {mean} in the mean, of one sign in {100 * row['rate']:.0f} %{rest}{tool}"
 
 
+def few_lines(result: FleetResult) -> Iterator[str]:
+    """Types of which one or two machines say how much surveys of one machine differ."""
+    few = {}
+    for t in result.compared.types:
+        least = min((q.each.shown for q in t.quantities if q.each.shown), default=0)
+        if 0 < least < FEW_WITHIN and len(t.machines) > least:
+            few[t.name] = f"{least} of {_many(len(t.machines), 'machine')} of {t.name}"
+    if few:
+        said = ", ".join(few.values())
+        yield f"how much surveys of one machine differ beyond their uncertainty is known from few: {said}"
+
+
+def far_text(far: Far) -> str:
+    """A survey that lies apart, in a sentence."""
+    e, q = far.entry, far.quantity
+    (own,), (variance,), _ = e.estimates.of([q.what])
+    value = amount(q.what, float(own), float(np.sqrt(variance)))
+    return (
+        f"row {e.row.number}, {e.row.id}: {e.row.survey}, {far.quantities} of {far.of} quantities; {q.what.name} "
+        f"{value} (of the type {usual(q.what, q.level)})"
+    )
+
+
+def note_text(note: Noted, most: int = 3) -> str:
+    """A note with the surveys that have it."""
+    who = [f"{e.row.id} ({e.row.survey})" for e in note.entries[:most]]
+    more = f" and {len(note.entries) - most} more" if len(note.entries) > most else ""
+    return f"{note.text}: {', '.join(who)}{more}"
+
+
+def listed(lines: Sequence[str], most: int, where: str) -> Iterator[str]:
+    """Lines, the first of them, and where the others are."""
+    yield from (f"  {line}" for line in lines[:most])
+    if len(lines) > most:
+        yield f"  and {len(lines) - most} more in {where}"
+
+
 def headline(result: FleetResult) -> str:
     """The result in a sentence."""
     machines, failed = len(result.machines), len(result.failures)
@@ -111,6 +162,7 @@ def fleet_lines(result: FleetResult) -> Iterator[str]:
     small = [t.name for t in result.compared.types if not any(np.isfinite(q.level.p).any() for q in t.quantities)]
     if small:
         yield f"fewer than {LEAST_MACHINES} machines, too few to call one out: {', '.join(small[:5])}"
+    yield from few_lines(result)
     visit = result.machines[result.machines["out"] | (result.machines["state"] == "alarm")]
     if len(visit):
         yield "\nvisit first"
@@ -128,6 +180,13 @@ def fleet_lines(result: FleetResult) -> Iterator[str]:
         yield from (f"  {common_text(row)}" for _, row in shown.head(MOST_COMMON).iterrows())
         if len(common) > MOST_COMMON:
             yield f"  and {len(common) - MOST_COMMON} more in common.csv"
+    if result.far:
+        yield "\nsurveys apart from their machine and its type"
+        yield from listed([far_text(f) for f in result.far], MOST_FAILURES, "fleet.json")
+    said = [note_text(n) for n in result.notes] + list(copies(result.collected))
+    if said:
+        yield "\nnotes"
+        yield from listed(said, MOST_NOTES, "fleet.json")
     if not result.complete:
         yield "\nfailed"
         for _, row in result.failures.head(MOST_FAILURES).iterrows():

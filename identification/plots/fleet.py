@@ -138,8 +138,8 @@ def _away(t: Test) -> float:
     return float(t.quantity.trend.t[int(np.searchsorted(t.quantity.dated, t.number))])
 
 
-def draw_ranges(result: FleetResult) -> Figure | None:
-    """What is normal of each type, at the tool: mean and 95 % of the machines; dots are machines that are out."""
+def ranged(result: FleetResult) -> list[tuple[str, int, list[Quantity]]]:
+    """Types whose ranges are drawn: name, number of the first machine, and the quantities that move the tool most."""
     panels = []
     start = 0
     for t in result.compared.types:
@@ -148,7 +148,12 @@ def draw_ranges(result: FleetResult) -> Figure | None:
         if known:
             panels.append((t.name, start, known[:MOST_RANGES]))
         start += len(t.machines)
-    panels = panels[:MOST_TYPES]
+    return panels[:MOST_TYPES]
+
+
+def draw_ranges(result: FleetResult) -> Figure | None:
+    """What is normal of each type, at the tool: mean and 95 % of the machines; dots are machines that are out."""
+    panels = ranged(result)
     if not panels:
         return None
     out = {(t.machine, id(t.quantity)) for ts in result.found.values() for t in ts if t.kind == LEVEL}

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from identification.fleets.collecting import ALARM, Collected
-from identification.fleets.comparison import EFFECT, LEVEL, Compared, Quantity, Test
+from identification.fleets.comparison import EFFECT, LEVEL, TREND, Compared, Quantity, Test
 from identification.fleets.partial_pooling import Normal
+from identification.fleets.remarks import Far, Noted, far_surveys, noted, own_notes
 from identification.fleets.text import fleet_lines, reason
 from identification.results.results_folder import ResultsFolder
 from identification.runtime.progress import Progress, silent
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SCHEMA = "errormodel.fleet/1"
+MOST_NOTES = 2  # of a machine's surveys, beside what it is out by
 MOST_CSV_ROWS = 100_000  # of a table that is written as CSV beside Parquet
 TABLES = ("machines", "surveys", "parameters", "findings", "normal", "standing", "common", "failures")
 NO_RESULT, NORMAL, UNKNOWN = "no result", "normal", "not compared"
@@ -118,13 +120,20 @@ class FleetResult:
                 strict=True,
             ):
                 trend[name][q.dated] = own
+        out, drifts = ([(start + int(m), k, id(q)) in found for m in q.machines] for k in (LEVEL, TREND))
+        # no member of its type, or its surveys no members of one machine: what it is, its own surveys say
+        own = np.array(out) | np.array(drifts) | (q.each.stretch > 1)
+        values, std = q.each.values, np.sqrt(q.each.variances) * q.each.stretch
+        for name in ("trend", "trend_std"):
+            pooled = name.replace("trend", "trend_pooled")
+            trend[pooled][own] = trend[name][own]
         return pd.DataFrame(
             {"id": [machines[m] for m in q.machines], "type": kind, "parameter": q.what.id, "symbol": q.what.symbol,
-             "unit": q.what.unit, "value": q.each.values, "std": np.sqrt(q.each.variances), "pooled": q.level.pooled,
-             "pooled_std": q.level.pooled_std, "t": q.level.t, "p": q.level.p,
-             "out": [(start + int(m), LEVEL, id(q)) in found for m in q.machines]}
+             "unit": q.what.unit, "value": values, "std": std,
+             "pooled": np.where(own, values, q.level.pooled), "pooled_std": np.where(own, std, q.level.pooled_std),
+             "t": q.level.t, "p": q.level.p, "out": out}
             | trend
-            | {"drifts": [(start + int(m), "trend", id(q)) in found for m in q.machines]}
+            | {"drifts": drifts}
         )  # fmt: skip
 
     @cached_property
@@ -132,7 +141,7 @@ class FleetResult:
         """One row a machine, those to visit first before the others: ``state``, ``q``, ``effect_um``, ``why``."""
         import pandas as pd
 
-        compared, found = self.compared, self.found
+        compared, found, notes = self.compared, self.found, own_notes(self.collected)
         place = {m: k for k, m in enumerate(compared.machines)}
         rows = []
         for identity, entries in self.collected.machines().items():
@@ -152,6 +161,8 @@ class FleetResult:
                 else NO_RESULT
             )
             why = [reason(t) for t in tests[:3]]
+            if tests:
+                why += [f"note of {e.row.survey}: {text}" for e, text in notes.get(identity, ())[:MOST_NOTES]]
             if alarm and not tests:
                 why = [str(f["statement"]) for f in entries[-1].findings[:3]]
             if k is None and first.failure is not None:
@@ -171,6 +182,16 @@ class FleetResult:
         table = table.drop(columns="_rank").reset_index(drop=True)
         table.insert(0, "rank", np.arange(1, len(table) + 1))
         return table
+
+    @cached_property
+    def notes(self) -> list[Noted]:
+        """Notes of the surveys, each once, with the surveys that have it."""
+        return noted(self.collected.entries)
+
+    @cached_property
+    def far(self) -> list[Far]:
+        """Surveys whose values lie far outside their machine's other surveys and their type."""
+        return far_surveys(self.collected, self.compared)
 
     @cached_property
     def found(self) -> dict[str, list[Test]]:
@@ -204,6 +225,10 @@ class FleetResult:
             "visit_first": visit[["rank", "id", "type", "state", "q", "effect_um", "why"]].to_dict("records"),
             "common": self.common[self.common["common"]].drop(columns="common").to_dict("records"),
             "failures": self.failures.to_dict("records"),
+            "notes": [
+                {"text": n.text, "surveys": [e.named for e in n.entries]} for n in self.notes
+            ],
+            "far_surveys": [f.entry.named | {"quantities": f.quantities, "of": f.of} for f in self.far],
         }  # fmt: skip
 
     def summary(self) -> str:

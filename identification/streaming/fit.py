@@ -23,6 +23,7 @@ from errormodel.survey_rows import WHOLE, SurveyRows, ranges_of
 from errormodel.yamlfile import Document
 from identification.bayes.settings import PriorForm
 from identification.diagnosis.data_checks.gate import WILD_FROM, passed
+from identification.diagnosis.data_checks.rows import OWN_FILE, OWN_RUN
 from identification.estimation.bounded import bounded
 from identification.estimation.checks import WILD, another, far_off, looked_over
 from identification.estimation.fit import HELDOUT_BLOCK_ROWS, fit_machine, fit_notes, look_at, moved, placed
@@ -112,7 +113,12 @@ class _Streaming:
             found = f"{held_out} rows to hold out, which are read as a whole"
             raise InputError(str(rows.source), found, f"Give at most {MOST_HELD_OUT_ROWS} rows the role test")
         self.survey, self.numbers = sample_of(rows, sizing.sample)
-        self.first = passed(machine, self.survey, lambda: fit_machine(machine, self.survey))
+        try:
+            self.first = passed(machine, self.survey, lambda: fit_machine(machine, self.survey))
+        except InputError as error:
+            if error.cure != OWN_RUN:
+                raise
+            raise InputError(error.where, error.found, OWN_FILE) from error
         if any(not isinstance(v, PositionView) for v in self.first.problem.views):
             raise InputError(str(rows.source), "rows that are no positions", f"Take them out, or {WHOLE}")
         self.chain: Chain = self.first.chain

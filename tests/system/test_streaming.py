@@ -338,3 +338,30 @@ def test_streams_are_written_as_parquet(folder: Path) -> None:
     first = (folder / "a.parquet").read_bytes()
     done("simulate", MILL, 40, "--stream", "--out", "a.parquet", "--seed", 5)
     assert (folder / "a.parquet").read_bytes() == first
+
+
+@pytest.mark.parametrize("stream", [True, False])
+def test_an_empty_part_is_left_out_and_said(stream: bool, tmp_path: Path) -> None:
+    whole = table(MILL, 80)
+    whole.to_csv(tmp_path / "a.csv", index=False)
+    whole.iloc[:0].to_csv(tmp_path / "b.csv", index=False)
+    model = read_machine(MILL)
+    survey = fit_rows(model, open_rows(tmp_path, model)).survey if stream else read_survey(tmp_path, model)
+    assert len(survey) == 80
+    assert any("b.csv has no rows below its header, and is left out" in note for note in survey.notes)
+    (tmp_path / "a.csv").unlink()
+    with pytest.raises(InputError, match="no rows below the header"):
+        open_rows(tmp_path, model)
+
+
+def test_rows_in_another_unit_are_named_and_no_advice_is_what_a_stream_refuses(tmp_path: Path) -> None:
+    one, other = table(MILL, 120), table(MILL, 120, seed=2)
+    lengths = ["X", "Y", "Z", "mx", "my", "mz"]
+    inch = pd.concat([one, other.assign(**{c: other[c] / 25.4 for c in lengths})])
+    moved = pd.concat([one, table(MILL, 120, seed=2, frame=900.0)])
+    for k, (rows, words) in enumerate(((inch, "as if in inch where these are in mm"), (moved, "frame: per-file"))):
+        rows.to_csv(tmp_path / f"{k}.csv", index=False)
+        result = run("fit", MILL, tmp_path / f"{k}.csv", "--stream", "--out", tmp_path / "out")
+        assert result.code == 2
+        assert words in result.err
+        assert "per-run" not in result.err

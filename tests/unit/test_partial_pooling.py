@@ -8,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from errormodel.arrays import Array
+from identification.fleets.comparison import quantity
 from identification.fleets.false_alarms import adjusted, selected
 from identification.fleets.partial_pooling import Surveys, normal, per_machine, q_profile, reml
+from identification.monitoring.quantities import Watched
 from tests.helpers.fleets import drawn_fleet, kinds, with_fault
 
 # 13 trials of the BCG vaccine (Colditz et al., 1994): cases and others, vaccinated and not. The results are those that
@@ -19,6 +21,8 @@ BCG = (
     (180, 1361, 372, 1079), (8, 2537, 10, 619), (505, 87886, 499, 87892), (29, 7470, 45, 7232), (17, 1699, 65, 1600),
     (186, 50448, 141, 27197), (5, 2493, 3, 2338), (27, 16886, 29, 17825),
 )  # fmt: skip
+
+Q = Watched("q", "q", "", "mm", {"q": 1.0})
 
 
 def risk_ratios() -> tuple[Array, Array]:
@@ -110,6 +114,36 @@ def test_scatter_between_surveys_of_one_machine() -> None:
     np.testing.assert_allclose(
         result.trends[: n // 3].mean(), 20.0, atol=4 * result.trend_variances[0] ** 0.5 / np.sqrt(n / 3)
     )
+
+
+@pytest.mark.parametrize("repeated", [1, 2, 4])
+def test_one_machine_does_not_spoil_what_its_type_scatters(repeated: int) -> None:
+    """Of eight machines few have two surveys, and one survey is in another unit: the others stay what they are."""
+    rng = np.random.default_rng(3)
+    machine = np.concatenate([np.repeat(np.arange(repeated), 2), np.arange(repeated, 8)])
+    truth = rng.normal(0, 5, 8)
+    y = truth[machine] + rng.standard_normal(len(machine))
+    y[1] += 200.0
+    got = quantity(Q, np.arange(8), Surveys(y, np.ones(len(y)), machine, np.full(len(y), np.nan)), 1.0)
+    assert not got.each.within > 3.0  # NaN where no other machine tells
+    assert 2 < got.level.spread < 10
+    assert got.each.variances[7] < 4
+    assert np.flatnonzero(got.level.p < 1e-3).tolist() == [0]
+
+
+def test_a_pooled_value_is_as_uncertain_as_it_says() -> None:
+    """Squared errors over their variances, of thirty machines that are much alike: the spread is an estimate, too.
+
+    Without its uncertainty they are 1.65 in the mean. The limit is three standard deviations of 1800 such squares of
+    which each thirty share a spread, as 60 repeats show.
+    """
+    rng = np.random.default_rng(8)
+    squares = []
+    for _ in range(60):
+        truth = rng.normal(0, 0.3, 30)
+        result = normal(truth + rng.standard_normal(30), np.ones(30))
+        squares.append(np.mean(np.square((result.pooled - truth) / result.pooled_std)))
+    assert np.mean(squares) < 1 + 3 * np.std(squares) / np.sqrt(len(squares))
 
 
 def test_a_single_survey_of_each_machine_says_nothing_of_scatter_and_trend() -> None:

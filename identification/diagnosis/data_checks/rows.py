@@ -37,6 +37,10 @@ BETTER = 10.0  # times nearer: rows that one change brings to where they belong
 REST = 0.8  # of the rows concerned must follow
 MOVED = 20.0  # times what is small: a frame that moved less is an effect of its own, not a mistake
 THINNED = 600  # rows, to find an order
+UNITS = {25.4: ("inch", "mm"), 1000.0: ("m", "mm"), 1000 / 25.4: ("m", "inch")}  # usual mistakes, by how many times
+ALIKE = 0.2  # relative difference of spreads of poses that were drawn alike; by judgement
+OWN_RUN = "Give them a run of their own (column run) and say frame: per-run in a survey.yaml"
+OWN_FILE = "Give them a file of their own and say frame: per-file in a survey.yaml"  # where rows are streamed
 
 
 def wrong_rows(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> Blunder | None:
@@ -231,11 +235,15 @@ class _Part:
             return
         before, after = own.misfit(pose), own.misfit()
         if before > MOVED * near and after < near and after < before / BETTER:
-            raise InputError(
-                f"{self.survey.table['file'].iloc[self.rows[0]]}, columns {' '.join(MEASURED)}",
-                f"{self._spoken(off)} lie in another measuring frame than the rest, {before:.0f} mm away",
-                "Give them a run of their own (column run) and say frame: per-run in a survey.yaml",
-            )
+            where = f"{self.survey.table['file'].iloc[self.rows[0]]}, columns {' '.join(MEASURED)}"
+            rest = np.setdiff1d(np.flatnonzero(self.seen), off)
+            spread = self.points.part(rest).spread / max(own.spread, 1e-300)
+            for size, (unit, other) in UNITS.items():
+                if abs(spread / size - 1) < ALIKE:
+                    found = f"{self._spoken(off)} spread {spread:.3g} times less than the rest"
+                    raise InputError(where, f"{found}, as if in {unit} where these are in {other}", "Write one unit")
+            found = f"{self._spoken(off)} lie in another measuring frame than the rest, {before:.0f} mm away"
+            raise InputError(where, found, OWN_RUN)
 
     def _spoken(self, which: Index) -> str:
         """Rows of the file, as a person finds them."""
