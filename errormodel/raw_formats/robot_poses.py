@@ -1,8 +1,8 @@
 """Lists of robot poses: a name, the position and orientation that were measured, and the joint values.
 
 The layout of Dassault's Auto ID and of most robot programs: name X Y Z W P R J1 ... Jn under a header, angles in
-degrees. W P R are read as FANUC has them, turns about fixed x, y, z; orientations under other names are left alone,
-since no file says how they turn.
+degrees; those under the names of Universal Robots' RTDE are in rad. W P R are read as FANUC has them, turns about fixed
+x, y, z; orientations under other names are left alone, since no file says how they turn.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ _JOINT = re.compile(
     r"(?:j|joint|axis|achse|a|q|theta|\u03b8)_?(?P<number>\d)",
     re.IGNORECASE,
 )
+# joints as the real-time data exchange of Universal Robots (RTDE guide: target_q, actual_q) names them, always in rad
+_RTDE = re.compile(r"(?:target|actual)_q_\d")
 _READ = ("act", "actual", "ist", "feedback", "current")
 
 
@@ -60,6 +62,10 @@ class RobotPoses(RawFormat):
                 notes.append(f"{given[0]} to {given[-1]} taken as {', '.join(joints)}")
             if (back := _joints(names, read=True)) and back != given and len(back) == len(joints):
                 new |= {theirs: f"read_{ours}" for theirs, ours in zip(back, joints, strict=True)}
+        bare = [n for n in new if _RTDE.fullmatch(n) and n not in recording.units]
+        if bare:
+            recording = replace(recording, units=recording.units | dict.fromkeys(bare, "rad"))
+            notes.append(f"{bare[0]} to {bare[-1]} read in rad, as RTDE writes them")
         plain = {n.lower(): n for n in names}
         if {"x", "y", "z"} <= {*plain}:
             new |= {plain[k]: f"m{k}" for k in "xyz"}

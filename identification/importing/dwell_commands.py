@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.machine import Machine
 from identification.importing.dwells import Dwells, find_dwells
@@ -54,6 +54,22 @@ def dwells_of_logs(dwells: Dwells | None, commands: SourceFile, chain: Chain) ->
     still = np.array([float(np.ptp(path[a : b + 1], axis=0).max()) for a, b in _middles(dwells)])
     turns = (still <= STAYS * float(np.ptp(path, axis=0).max())) & ~_stand(dwells, commands, chain.machine)
     return None if turns.any() else dwells
+
+
+def rests_of(commands: SourceFile, chain: Chain) -> Index | None:
+    """Rows of the commands, from 0, in the middle of each rest of a log of the way; None of a list of poses.
+
+    A log repeats a command while the machine waits: readings are taken at these rests, and not between them.
+    """
+    joints = Nominal(chain, commands.recording.frame).joints
+    joints = joints * [chain.size if j.type == "rotary" else 1.0 for j in chain.machine.joints]
+    rests = find_dwells(joints)
+    if rests is None or not rests.moving:
+        return None
+    moved = np.array([np.ptp(joints[a : b + 1], axis=0).max() for a, b in _middles(rests)])
+    if (moved > STAYS * np.ptp(joints, axis=0).max()).any():
+        return None
+    return np.asarray((rests.first + rests.last) // 2)
 
 
 def _path(commands: SourceFile, chain: Chain) -> Array:

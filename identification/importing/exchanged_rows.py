@@ -33,7 +33,7 @@ def refuse_few_exchanged(parts: list[tuple[Index, Points]], survey: Survey, most
 def refuse_exchanged(parts: list[tuple[Index, Points]], survey: Survey, most: float) -> None:
     """InputError where rows far from their own commands fit those of each other; parameters as above."""
     for rows, part in parts:
-        if len(part) >= FEWEST_PROVED and (found := _places_changed(part, _numbers(survey, rows), most)):
+        if len(part) >= FEWEST_PROVED and (found := places_changed(part, _numbers(survey, rows), most)):
             raise InputError(_file(survey, rows), found, CURE)
 
 
@@ -46,7 +46,7 @@ def _numbers(survey: Survey, rows: Index) -> list[int]:
     return [int(k) for k in survey.table["row"].iloc[rows]]
 
 
-def _places_changed(part: Points, numbers: list[int], most: float) -> str:
+def places_changed(part: Points, numbers: list[int], most: float) -> str:
     """Rows far from their own commands that fit those of each other, in words; empty where there are none."""
     from scipy.optimize import linear_sum_assignment
 

@@ -131,13 +131,17 @@ def import_files(
     except InputError as error:
         error = _with_nearest(error, points, pairs, aligned, commanded, chain, seed)
         raise InputError(error.where, error.found, f"{error.cure}{_other_targets(points)}") from error
+    warnings: list[str] = []
     if commanded is not None and any(p.by_rows for p in pairs):
         proof = with_other_order(machine, survey, proof)
         if proof.other is not None and wishes.match != "order":  # who says the order has confirmed it
-            survey, files = _with_note(f"{proof.other.text}. {CURE}", survey, files)
-    warning = ball_notes(traces)[1]
-    if warning:
-        survey, files = _with_note(warning, survey, files)
+            warnings.append(f"{proof.other.text}. {CURE}")
+    if proof.one_place is not None:
+        warnings.append(proof.one_place.text)
+    if warning := ball_notes(traces)[1]:
+        warnings.append(warning)
+    if warnings:
+        survey, files = _with_notes(warnings, survey, files)
     places = set_ups(chain, survey, readings)
     everything = (
         *points, *single, *motions, *(t.source for t in traces), *logs, *([commanded] if commanded else []),
@@ -150,10 +154,10 @@ def import_files(
     )  # fmt: skip
 
 
-def _with_note(text: str, survey: Survey, files: Mapping[str, bytes]) -> tuple[Survey, dict[str, bytes]]:
-    """A survey whose ``survey.yaml`` states a note, which every command repeats."""
-    stated = files[SURVEY_FILE] + _yaml({"notes": [text]}).encode()
-    return replace(survey, notes=(*survey.notes, text)), {**files, SURVEY_FILE: stated}
+def _with_notes(texts: list[str], survey: Survey, files: Mapping[str, bytes]) -> tuple[Survey, dict[str, bytes]]:
+    """A survey whose ``survey.yaml`` states notes, which every command repeats."""
+    stated = files[SURVEY_FILE] + _yaml({"notes": texts}).encode()
+    return replace(survey, notes=(*survey.notes, *texts)), {**files, SURVEY_FILE: stated}
 
 
 def _places(source: SourceFile, own: Pairs, commanded: SourceFile | None, chain: Chain) -> Both:

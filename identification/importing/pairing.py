@@ -10,7 +10,7 @@ from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.surveys.columns import MEASURED
-from identification.importing.dwell_commands import dwells_of
+from identification.importing.dwell_commands import dwells_of, rests_of
 from identification.importing.dwells import Dwells
 from identification.importing.geometry import Nominal, fitted_targets, turns_tool
 from identification.importing.matching import NAMED, Matched, by_name, by_order, by_time, common_names
@@ -99,7 +99,7 @@ def pair(source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: 
         raise InputError(source.raw.name, "nothing measured in any row", "Give the file that holds the measurements")
     expected = source.rows if alone else commands.rows if commands is not None else 0
     labels = source.recording.frame.get("target")
-    dwells, side_by_side = None, False
+    dwells, rests, side_by_side = None, None, False
     if wishes.dwell and not (labels is not None and labels.nunique() > 1):
         dwells = dwells_of(points, source, commands, chain)
         side_by_side = dwells is not None and not alone and expected == int(seen.sum())
@@ -117,13 +117,20 @@ def pair(source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: 
         path = nominal.points(np.asarray(chain.machine.tool))
         found = row_by_row(path, first, last, source.raw.name)
     else:
-        found = _match(source, commands, chain, nominal, middle, first, last, points, wishes, seed)
+        rests = rests_of(commands, chain) if commands.rows > len(first) else None
+        found = _match(source, commands, chain, nominal, middle, first, last, points, wishes, seed, rests)
+        if rests is not None and not np.isin(found.command[found.command >= 0], rests).all():
+            rests = None
     command = found.command
     kept = command >= 0
     if not kept.any():
         found_text = f"none of {len(command)} readings has a command of {commands.raw.name}"
         raise InputError(source.raw.name, found_text, "Give the commands that were measured, or another --match")
-    notes += left_over(source, commands, command, first)
+    if rests is None:
+        notes += left_over(source, commands, command, first)
+    else:
+        every = np.arange(commands.rows)  # no command on the way was to be measured
+        notes += [*left_over(source, commands, command, first, every), *_rest_notes(commands, rests, command)]
     out = Pairs(
         command[kept], first[kept], last[kept], found.how, tuple(notes), len(command), commands.rows, {}, found.offset
     )
@@ -174,7 +181,7 @@ def reading_notes(source: SourceFile, dwells: Dwells | None, unseen: int) -> lis
 
 def _match(
     source: SourceFile, commands: SourceFile, chain: Chain, nominal: Nominal, middle: Array, first: Index, last: Index,
-    points: Array, wishes: Wishes, seed: int,
+    points: Array, wishes: Wishes, seed: int, rests: Index | None,
 ) -> Matched:  # fmt: skip
     """The way of joining that was asked for, or the first of name, time, order and nearest that works."""
     own, commanded = source.recording.frame, commands.recording.frame
@@ -200,18 +207,35 @@ def _match(
         return by_time(path, commands.column("time"), points, when, centre, same_clock=same, name=commands.raw.name)
     if how in ("auto", "order"):
         found = by_order(len(first), commands.rows, path, middle, commands.recording.again)
+        if found is None and rests is not None:
+            found = by_order(len(first), len(rests), path[rests], middle)
+            found = None if found is None else replace(found, command=rests[found.command])
         if found is not None:
             return found
         if how == "order":
             text = f"{len(first)} readings and {commands.rows} commands"
+            text += "" if rests is None else f", which rest {len(rests)} times"
             cure = "Join with --match nearest, which finds what is missing; or give the commands that were measured"
             raise InputError(source.raw.name, text, cure)
-    return _nearest(source, commands, path, middle, seed)
+    return _nearest(source, commands, path, middle, seed, rests)
 
 
-def _nearest(source: SourceFile, commands: SourceFile, path: Array, middle: Array, seed: int) -> Matched:
+def _rest_notes(commands: SourceFile, rests: Index, command: Index) -> list[str]:
+    """That only rests of a log were joined, and which were not measured."""
+    idle = np.setdiff1d(rests, command)
+    notes = [f"{counted(len(rests), 'rest')} in a log of {commands.rows} commands: readings are taken there"]
+    return [*notes, f"not measured: {counted(len(idle), 'rest')} ({_shown(commands, idle)})"] if len(idle) else notes
+
+
+def _nearest(
+    source: SourceFile, commands: SourceFile, path: Array, middle: Array, seed: int, rests: Index | None
+) -> Matched:
     if not np.isfinite(middle).all():
         raise InputError(source.raw.name, "components that were not measured", "Join by name or order: --match order")
+    if rests is not None:
+        found = find_pairing(path[rests], middle, seed)
+        if found is not None and found.ways == 1:
+            return Matched(np.where(found.command < 0, -1, rests[found.command]), NEAREST)
     found = find_pairing(path, middle, seed)
     if found is None:
         text = (

@@ -21,6 +21,7 @@ from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
 from identification.importing.exchanged_rows import CURE, FEWEST_PROVED, refuse_exchanged, refuse_few_exchanged
+from identification.importing.one_place import OnePlace, at_one_place, prove_one_place
 from identification.importing.other_orders import OtherOrder, in_a_plane, other_order
 from identification.importing.steps import Step, find_step
 from identification.observation.assembly import build, frame_labels
@@ -54,6 +55,7 @@ class Proof:
     flat : whether the commanded points lie in a plane, so that the hand of the axes does not show.
     steps : of each file whose points are displaced from a row on.
     other : another order that fits as well, where the join is by order; looked for by an import.
+    one_place : what a fit says where all commands are at one place.
     """
 
     rows: Index
@@ -71,6 +73,7 @@ class Proof:
     flat: bool = False
     steps: tuple[Step, ...] = ()
     other: OtherOrder | None = None
+    one_place: OnePlace | None = None
 
     @property
     def distance(self) -> Array:
@@ -99,6 +102,7 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
     parts = [(rows, Points.of(chain, sheet(chain, survey.table.iloc[rows]), False)) for rows in groups(survey)]
     _refuse_mirror(parts, survey)
     _refuse_mistakes(machine, survey, parts)
+    one_place = prove_one_place(chain, survey, parts)
     if ORIENTATION[0] in survey.table:
         refuse_foreign_orientations(survey, build(chain, survey).views)
     rows = np.concatenate([r for r, _ in parts]) if parts else np.zeros(0, dtype=np.intp)
@@ -123,7 +127,7 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
     steps = tuple(step for own, p in parts if (step := find_step(machine, survey, own, p)) is not None)
     return Proof(
         rows, nominal, measured, *figures, reach, repeats, 1e3 * scatter, dwell, wild, _follows(chain, survey), flat,
-        steps,
+        steps, one_place=one_place,
     )  # fmt: skip
 
 
@@ -133,7 +137,8 @@ def with_other_order(machine: Machine, survey: Survey, proof: Proof) -> Proof:
     frames: dict[object, list[Points]] = {}
     for rows in groups(survey):
         part = Points.of(chain, sheet(chain, survey.table.iloc[rows]), survey.frame == "fixed")
-        frames.setdefault(labels[rows[0]], []).append(part)
+        if not at_one_place(part):
+            frames.setdefault(labels[rows[0]], []).append(part)
     found = [other for files in frames.values() if (other := other_order(files)) is not None]
     return replace(proof, other=found[0] if found else None)
 

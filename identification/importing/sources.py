@@ -236,7 +236,8 @@ def _has_unit(word: str, entry: RawEntry, recording: Recording, machine: Machine
     ours = {str(n): names.get(str(n), names.get(f"-{n}", str(n))) for n in recording.frame}
     if word in ours.values():
         return True
-    bare = [n for own, n in ours.items() if not recording.units.get(own) and n not in entry.units]
+    said = entry.units.get(word, "")  # which the file may say as well
+    bare = [n for own, n in ours.items() if recording.units.get(own, "") in ("", said) and n not in entry.units]
     return any(quantity_of(n.removeprefix(READ_BACK), machine) == word for n in bare)
 
 

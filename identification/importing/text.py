@@ -96,7 +96,9 @@ def proof_lines(proof: Proof, survey: Survey) -> Iterator[str]:
     figures = f"{_length(proof.rms_um)} rms (median {_length(proof.median_um)}, largest {_length(proof.max_um)})"
     yield f"after alignment the measured points lie {figures} from the nominal machine; they reach {proof.reach:.0f} mm"
     places = len(np.unique(np.round(proof.nominal, 3), axis=0))
-    if places < FEWEST_PROVED:
+    if proof.one_place is not None:
+        yield proof.one_place.text
+    elif places < FEWEST_PROVED:
         yield f"too few places ({places}) to prove the join: exchanged rows or a shift may not show"
     else:
         if proof.other is not None:

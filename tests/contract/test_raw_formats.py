@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from errormodel.exceptions import InputError
 from errormodel.raw_formats.base import Asked, Recording, format_of, open_raw, raw_formats
 from tests.helpers.raw_files import read_back
-from tests.helpers.raw_samples import LASER, MILL, SAMPLES
+from tests.helpers.raw_samples import ARM, LASER, MILL, SAMPLES
 
 
 def recording(name: str, folder: Path) -> Recording:
@@ -128,6 +128,16 @@ def test_cmm(tmp_path: Path) -> None:
     frame = recording("cmm-ascii", tmp_path).frame
     assert list(frame["point"]) == ["CIRCLE1", "CIRCLE2"]
     np.testing.assert_array_equal(frame[["mx", "my", "mz"]], [[10.002, 19.999, 5.0005], [110.003, 20, 5]])
+
+
+def test_joints_as_rtde_names_them_are_in_rad(tmp_path: Path) -> None:
+    names = [f"{kind}_q_{k}" for kind in ("target", "actual") for k in range(6)]
+    rows = "".join(f"{0.1 * k:.1f} " + " ".join(["1.5"] * 12) + "\n" for k in range(4))
+    (tmp_path / "ur.log").write_text(f"timestamp {' '.join(names)}\n{rows}")
+    raw = open_raw(tmp_path / "ur.log", "ur.log")
+    read = format_of(raw).read(raw, Asked(ARM))
+    assert {read.units[n] for n in ("J1", "J6", "read_J1", "read_J6")} == {"rad"}
+    assert any("read in rad" in note for note in read.notes)
 
 
 def test_robots(tmp_path: Path) -> None:

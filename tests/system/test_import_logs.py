@@ -60,3 +60,24 @@ def test_a_log_of_lengths_has_dwells_too(sides: tuple[Path, pd.DataFrame, np.nda
     assert f"joined {POSES} of {POSES} dwells" in result.summary()
     np.testing.assert_allclose(result.survey.table[["X", "Y", "Z"]], told, atol=1e-4)
     assert np.median(result.survey.table["u_length"]) == pytest.approx(0.003, rel=0.3)
+
+
+@pytest.mark.parametrize("match", ["auto", "order", "nearest"])
+def test_single_readings_are_joined_to_the_rests_of_a_log(
+    sides: tuple[Path, pd.DataFrame, np.ndarray], match: str
+) -> None:
+    """A row on the way may lie nearer to a reading than the one at rest, by what the machine is off."""
+    folder, told, _ = sides
+    file = written(folder, dict(zip(("mx", "my", "mz"), points(told, noise=0.2).T, strict=True)))
+    result = import_survey(file, MILL, commands=folder / "c.csv", match=match)
+    assert f"{POSES} rests in a log of " in result.summary()
+    np.testing.assert_allclose(result.survey.table[["X", "Y", "Z"]], told, atol=1e-4)
+
+
+def test_a_rest_that_was_not_measured_is_named(sides: tuple[Path, pd.DataFrame, np.ndarray]) -> None:
+    folder, told, _ = sides
+    left = told.drop(index=3)
+    file = written(folder, dict(zip(("mx", "my", "mz"), points(left, noise=0.2).T, strict=True)))
+    result = import_survey(file, MILL, commands=folder / "c.csv")
+    assert "not measured: 1 rest (line " in result.summary()
+    np.testing.assert_allclose(result.survey.table[["X", "Y", "Z"]], left, atol=1e-4)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -14,7 +16,7 @@ from identification.diagnosis.data_checks.gate import passed
 from identification.estimation.fit import fit_machine
 from identification.importing.check import check_lines, check_survey
 from tests.benchmarks.length_coverage import NOISE, STATIONS
-from tests.helpers.lengths import distances, entry, survey, truth
+from tests.helpers.lengths import distances, entry, survey, tips, truth
 
 MACHINE = read_machine("vertical_three_axis")
 ROWS = 80
@@ -99,3 +101,36 @@ def test_a_robust_fit_that_leaves_most_readings_of_an_instrument_out_is_refused(
     wrong.loc[own, "length"] *= 1 + 2e-3 * np.sin(np.arange(ROWS))
     with pytest.raises(InputError, match="of 80 readings lie far from what the other observations"):
         fitted(of(wrong), robust=True)
+
+
+def gauge(wrong: float = 0.0, backlash: float = 0.0) -> Survey:
+    """A step gauge along X, Y, Z and two diagonals, 15 steps each; the last set-up is off by `wrong`."""
+    rng = np.random.default_rng(4)
+    middle = np.array([0.0, 0.0, 350.0])
+    parts = []
+    for way in ([700, 0, 0], [0, 380, 0], [0, 0, 460], [600, 350, 0], [0, 350, -400]):
+        first = middle - np.array(way) / 2
+        steps = pd.DataFrame(first + np.outer(np.arange(1, 16) / 15, way), columns=["X", "Y", "Z"])
+        parts.append(steps.assign(from_X=first[0], from_Y=first[1], from_Z=first[2]))
+    table = pd.concat(parts, ignore_index=True)
+    values = truth(MACHINE, rng)
+    start = table[["from_X", "from_Y", "from_Z"]].set_axis(["X", "Y", "Z"], axis=1)
+    length = np.linalg.norm(tips(MACHINE, values, table) - tips(MACHINE, values, start), axis=1)
+    length += backlash * (np.arange(len(table)) < 15) + wrong * (np.arange(len(table)) >= 60)
+    table = table.assign(observation="gauge", length=length + rng.normal(0, 5e-4, len(table)))
+    return survey(MACHINE, table, {"gauge": entry(type="pose-distance")})
+
+
+def test_a_set_up_that_is_off_in_all_its_readings_is_named() -> None:
+    """A start, or a calibrated length, that was wrong by half a millimetre bends the machine unseen."""
+    words = "gauge: the 15 readings from one start pose, rows 61, 62, 63"
+    said = [line for line in check_lines(check_survey(MACHINE, gauge(0.5))) if line.startswith(words)]
+    assert len(said) == 1
+    assert re.search("are all (49|50).* um too long, whatever their length", said[0])
+    notes = passed(MACHINE, gauge(0.5), lambda: fit_machine(MACHINE, gauge(0.5))).notes
+    assert any(note.startswith(words) for note in notes)
+
+
+@pytest.mark.parametrize("backlash", [0.0, 0.004])
+def test_errors_of_a_machine_put_no_start_in_doubt(backlash: float) -> None:
+    assert not any("start pose" in line for line in check_lines(check_survey(MACHINE, gauge(backlash=backlash))))

@@ -8,6 +8,7 @@ is put right here.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
 from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
-from identification.diagnosis.data_checks.readings import lengths_of, refuse_minority
+from identification.diagnosis.data_checks.readings import lengths_of, refuse_minority, start_notes
 from identification.diagnosis.data_checks.readings import refuse_wild as refuse_wild_lengths
 from identification.diagnosis.data_checks.runs_of_motions import refuse_unlike_runs
 from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
@@ -63,6 +64,7 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
         refuse_minority(survey, fit)
     else:
         refuse_wild_lengths(survey, lengths_of(fit.chain, fit.problem.views))
+    fit = replace(fit, notes=(*fit.notes, *start_notes(fit)))
     refuse_turned_head(fit)
     refuse_foreign_orientations(survey, fit.problem.views)
     refuse_unstated_rotation(fit)

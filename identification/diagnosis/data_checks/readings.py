@@ -16,6 +16,7 @@ from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.blunder import listed
+from identification.diagnosis.data_checks.shared_starts import WrongStart, start_lines, wrong_starts
 from identification.estimation.result import Fit
 from identification.observation.frames import MACHINE_ERROR_SHARE
 from identification.observation.models import View
@@ -38,6 +39,7 @@ class Lengths:
     gap : (n,) measured minus nominal, mm.
     wild : (k,) places of the readings that lie far off.
     exchanged : pairs of places of readings that fit in each other's place.
+    starts : set-ups that are off by the same amount in all their readings.
     """
 
     label: str
@@ -45,6 +47,7 @@ class Lengths:
     gap: Array
     wild: Index
     exchanged: tuple[tuple[int, int], ...]
+    starts: tuple[WrongStart, ...] = ()
 
 
 def lengths_of(chain: Chain, views: Sequence[View]) -> list[Lengths]:
@@ -57,7 +60,8 @@ def lengths_of(chain: Chain, views: Sequence[View]) -> list[Lengths]:
         usual = float(np.quantile(np.abs(gap), 0.8))
         wild = np.flatnonzero(np.abs(gap) > max(WILD * usual, WILD_FROM * chain.size))
         nominal = view.measured - gap
-        out.append(Lengths(view.label, view.index, gap, wild, _exchanged(view.measured, nominal, wild, usual, chain)))
+        exchanged = _exchanged(view.measured, nominal, wild, usual, chain)
+        out.append(Lengths(view.label, view.index, gap, wild, exchanged, wrong_starts(view, gap)))
     return out
 
 
@@ -121,6 +125,15 @@ def length_lines(survey: Survey, lengths: Sequence[Lengths]) -> Iterator[str]:
         if len(own.wild):
             text += f"; far off: rows {listed(_rows(survey, own.index)[own.wild].tolist())} (fit with --robust)"
         yield text
+        yield from start_lines(survey, own.label, own.index, own.starts)
+
+
+def start_notes(fit: Fit) -> Iterator[str]:
+    """Notes of a fit on set-ups of distances that are off in common."""
+    for view in fit.problem.readings:
+        if view.observation.poses > 1 and not view.turns:
+            for own in lengths_of(fit.chain, [view]):
+                yield from start_lines(fit.survey, own.label, own.index, own.starts)
 
 
 def _rows(survey: Survey, index: Index) -> Index:
