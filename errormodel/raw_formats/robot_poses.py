@@ -64,7 +64,7 @@ class RobotPoses(RawFormat):
                 new |= {theirs: f"read_{ours}" for theirs, ours in zip(back, joints, strict=True)}
         bare = [n for n in new if _RTDE.fullmatch(n) and n not in recording.units]
         if bare:
-            recording = replace(recording, units=recording.units | dict.fromkeys(bare, "rad"))
+            recording = replace(recording, units={**recording.units, **dict.fromkeys(bare, "rad")})
             notes.append(f"{bare[0]} to {bare[-1]} read in rad, as RTDE writes them")
         plain = {n.lower(): n for n in names}
         if {"x", "y", "z"} <= {*plain}:

@@ -14,7 +14,7 @@ from typing import Any
 from identification.fleets.collecting import collected, tasks_of
 from identification.fleets.comparison import compare
 from identification.fleets.listing import Row, read_list
-from identification.fleets.parts import HOLDS, Failure, Made, Options, Task, finished, folder_of, kept, seal_of
+from identification.fleets.parts import HOLDS, RECORD, Failure, Made, Options, Task, finished, folder_of, kept, seal_of
 from identification.results.fleet_result import FleetResult
 from identification.results.folder_contents import PARTS
 from identification.results.json_text import dumps
@@ -77,7 +77,7 @@ def run_fleet(
             with steps(word) as far:
                 _made(folder, crew, work, {k: tasks[k] for k in left}, results, warn, far)
         except KeyboardInterrupt as error:
-            count = sum(not isinstance(r, Failure) for r in results.values())
+            count = sum((folder_of(folder.path, task) / RECORD).exists() for task in tasks)  # some were not told yet
             said = (
                 f"{count} of {len(tasks)} parts are kept in {folder.path / PARTS}, and the same command goes on there"
             )
