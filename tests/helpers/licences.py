@@ -23,7 +23,7 @@ ALLOWED = {
     "MIT", "MIT-0", "MIT-CMU", "BSD-2-Clause", "BSD-3-Clause", "0BSD", "Apache-2.0", "ISC", "PSF-2.0", "MPL-2.0",
     "Zlib", "CC0-1.0", "MIT License", "BSD License", "Apache Software License", "Python Software Foundation License",
     "ISC License (ISCL)", "Mozilla Public License 2.0 (MPL 2.0)", "MIT No Attribution License (MIT-0)", "BSD",
-    "BSD 3-Clause License", "Apache 2.0",
+    "BSD 3-Clause License", "Apache 2.0", "Apache License, Version 2.0",
     "Apache-2.0 WITH LLVM-exception",  # which grants more than Apache-2.0 alone
 }  # fmt: skip
 EXCEPTIONS = {  # package: its licence, for the reason beside it

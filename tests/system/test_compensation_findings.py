@@ -50,6 +50,14 @@ def finding(effect: str, where: str, driver: list[str], ids: tuple[str, ...]) ->
     }  # fmt: skip
 
 
+def with_findings(fit: Path, found: list[dict[str, object]], folder: Path) -> Path:
+    """A copy of a fit with a diagnosis that nobody sealed."""
+    shutil.copytree(fit, folder)
+    (folder / "manifest.json").unlink()
+    (folder / "diagnosis.json").write_text(json.dumps({"schema": "errormodel.diagnosis/1", "findings": found}))
+    return folder
+
+
 def compensated(fit: Path, out: Path) -> tuple[dict[str, list[str]], str]:
     done("compensate", fit, "--controller", "csv", "--out", out)
     return json.loads((out / "compensation.json").read_text()), " ".join((out / "checklist.txt").read_text().split())
@@ -62,8 +70,7 @@ def test_findings_that_no_table_holds_are_named(drifted: Path, tmp_path: Path) -
         finding("warm-up", "tool", ["time"], chain.effect_ids[1]),
         finding("pitch-cyclic", "Y", ["Y"], (next(i for i in chain.ids if i.startswith("Y.")),)),
     ]
-    (drifted / "diagnosis.json").write_text(json.dumps({"schema": "errormodel.diagnosis/1", "findings": found}))
-    data, text = compensated(drifted, tmp_path / "o")
+    data, text = compensated(with_findings(drifted, found, tmp_path / "d"), tmp_path / "o")
     assert [o["effect"] for o in data["not_in_tables"]] == ["tracker-drift", "warm-up"]  # type: ignore[index]
     assert "tracker-drift of frame, 0.86 likely, 7.6 um rms at the tip: it acts in the instrument" in text
     assert "if it is the machine's, this is left" in text
@@ -73,13 +80,10 @@ def test_findings_that_no_table_holds_are_named(drifted: Path, tmp_path: Path) -
 
 def test_a_column_with_a_change_comes_first(drifted: Path, tmp_path: Path) -> None:
     """One that the user declared is said; one of a diagnosis is to be confirmed before the tables are loaded."""
-    (drifted / "diagnosis.json").unlink(missing_ok=True)
     declared = compensated(drifted, tmp_path / "declared")[0]["first"][0]
     assert declared.startswith("FIRST: the survey was taken with a change: the sign of column X is wrong")
     found = [finding("axis-blunder", "X", ["X"], ())]
-    (drifted / "diagnosis.json").write_text(json.dumps({"schema": "errormodel.diagnosis/1", "findings": found}))
-    first = compensated(drifted, tmp_path / "diagnosed")[0]["first"][0]
-    (drifted / "diagnosis.json").unlink()
+    first = compensated(with_findings(drifted, found, tmp_path / "d"), tmp_path / "diagnosed")[0]["first"][0]
     assert first.startswith("DO NOT LOAD THESE TABLES: the survey was taken with a change: the sign of column X")
     assert "they double the squareness" in first
 

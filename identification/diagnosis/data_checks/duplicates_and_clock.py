@@ -14,7 +14,7 @@ from errormodel.effects.clock_offset import ClockOffset
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS
-from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, groups, listed
+from identification.diagnosis.data_checks.blunder import Blunder, groups, listed
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.observation.frames import MACHINE_ERROR_SHARE
 
@@ -34,8 +34,7 @@ def copied_rows(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> 
 
     Whole rows with a time of their own are copies in any case, and so is a point read again at another place (the
     instrument had stopped). Repeats of a pose may agree by chance where readings are coarse, and without noise do:
-    where hardly any differ, by the noise that a fit without them finds. Rows that are one and the same all through are
-    no recording.
+    where hardly any differ, by the noise that a fit without them finds.
     """
     table, rows = survey.table, np.sort(np.concatenate([np.zeros(0, np.intp), *groups(survey)]))
     if len(rows) < 2:
@@ -52,8 +51,7 @@ def copied_rows(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> 
     elsewhere = np.linalg.norm(points - points[earlier], axis=1) > MACHINE_ERROR_SHARE * chain.size
     timed = "time" in part and part["time"].nunique() > len(part) / 4
     whole = part.drop(columns=["row", "file"]).duplicated().to_numpy() & timed
-    one = len(part) >= FEWEST and bool((part[[*MEASURED, *_commands(chain)]].nunique() <= 1).all())
-    bad = again & (elsewhere | whole | one)
+    bad = again & (elsewhere | whole)
     repeats = again & ~bad
     if repeats.any():
         rest = replace(survey, table=_without(table, rows[bad | repeats]))
