@@ -28,6 +28,7 @@ from identification.importing.pairing import NEAREST, Pairs, middles, pair, poin
 from identification.importing.partial import refuse_partial
 from identification.importing.proof import Proof, prove, refuse_unit, with_other_order
 from identification.importing.readings import ReadingFile, SetUps, join_readings, set_ups
+from identification.importing.roles import Kind
 from identification.importing.sources import SourceFile, Wishes, open_source
 from identification.importing.traces import Trace, ball_notes, traces_of
 from identification.importing.unused_options import refuse_unused
@@ -97,7 +98,8 @@ def import_files(
     if twice:
         raise InputError(twice[0], "two files of one name", "Give them different names: they are kept in one folder")
     commanded = None if commands is None else open_source(commands, machine, "commands", wishes)
-    sources = [open_source(path, machine, "whole" if commanded is None else "measured", wishes) for path in raws]
+    kind: Kind = "whole" if commanded is None else "measured"
+    sources = [open_source(path, machine, kind, wishes, len(raws) > 1) for path in raws]
     refuse_unused(wishes, sources, commanded)
     chain = Chain(machine)
     points = [s for s in sources if s.what == "points"]

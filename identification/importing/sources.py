@@ -158,12 +158,13 @@ def circle_of(
         raise InputError("--centre", found, "Write --plane XY, --radius above 0 in mm, --start in degrees") from error
 
 
-def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes) -> SourceFile:
+def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes, several: bool = False) -> SourceFile:
     """Read a raw file, find its columns, and say what it holds.
 
     Parameters
     ----------
     kind : what it may hold: see `identification.importing.roles`.
+    several : whether there are others of its kind: a log that has none of the columns named is not meant.
 
     Raises
     ------
@@ -189,6 +190,10 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes) -> Sou
     if not recording.trace:
         plain = plain.model_copy(update={"circle": None})
     names = [str(n) for n in recording.frame]
+    if several and not any(theirs.startswith("#") or theirs.removeprefix("-") in names for theirs in given.values()):
+        alone = {*names, *roles(recording, machine, kind, {})}
+        if "time" in alone and not alone & {*MEASURED, *(n for j in machine.joints for n in j.columns)}:
+            given = {}  # a log beside the measured file
     own = {ours: _placed(path, theirs, names) for ours, theirs in given.items()}
     if of_commands and form.bare and not own and not any(j.name in names for j in machine.joints):
         own = commands_by_place(recording, machine, table is None or table.named)
@@ -203,11 +208,16 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes) -> Sou
         }
     )  # fmt: skip
     mapped = with_map(recording, entry.model_copy(update={"path": str(path)}), machine)
+    if wishes.circle is not None and not of_commands and not recording.trace and not {*MEASURED} & {*mapped.frame}:
+        text = f"a circle is stated, and no angles are among its columns {', '.join(names[:12])}"
+        cure = "A trace needs the angle of each reading: say its column, --columns angle=.., or export it with angles"
+        raise InputError(str(path), text, cure)
     what = _what(path, mapped, machine, kind, single)
     if what == "single" and single is not None:
         _check_unit(path, entry, recording, single)
     uses = {*form.uses, *(f"unit {u}" for u in units if u in form.columns or _has_unit(u, entry, recording, machine))}
     uses |= {word for word, own in (("circle", bool(recording.trace)), ("dates", recording.dated)) if own}
+    uses |= {"columns"} if given or words else set()
     left = tuple(unused(recording, found, machine))
     return SourceFile(raw, entry, mapped, form.title, what, left, frozenset(uses))
 

@@ -32,6 +32,9 @@ def _unused(
     ):
         if given and word not in uses:
             yield option, f"none of the files {what}", out
+    if wishes.columns and not any("columns" in source.uses for source in sources):
+        names = ", ".join(dict.fromkeys(wishes.columns.values()))
+        yield "--columns", f"none of the files has a column of {names}", "Write names as they stand in a file"
     if wishes.log_offset and not any(s.what == "log" for s in sources):
         yield "--log-offset", "none of the files is a log on a clock of its own", out
     if commanded is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from errormodel import InputError, read_machine, read_survey
@@ -12,6 +13,7 @@ from identification import import_survey
 from identification.importing.text import import_lines
 from tests.helpers.circles import RADIUS, circles, trace
 from tests.helpers.commands import run
+from tests.helpers.importing import points, poses
 
 MILL = "vertical_three_axis"
 MACHINE = read_machine(MILL)
@@ -109,3 +111,22 @@ def test_a_unit_of_deviations_is_asked_for_and_no_file_has_to_be_edited(bar: Pat
     assert result.code == 2
     assert "--units deviation=um" in result.err
     assert run(*asked, "--units", "deviation=um").code == 0
+
+
+def test_columns_that_a_log_does_not_have_are_those_of_the_measured_file(tmp_path: Path) -> None:
+    at = poses(rows=20)
+    table = at.set_axis(["X soll", "Y soll", "Z soll"], axis=1).assign(time=60.0 * np.arange(20))
+    seen = dict(zip(("X ist", "Y ist", "Z ist"), points(at).T, strict=True))
+    table.assign(**seen).to_csv(tmp_path / "w.csv", index=False)
+    pd.DataFrame({"time": 60.0 * np.arange(20), "T_bed": 20.0}).to_csv(tmp_path / "log.csv", index=False)
+    columns = {k: f"{k} soll" for k in "XYZ"} | {f"m{k.lower()}": f"{k} ist" for k in "XYZ"}
+    files = [tmp_path / "w.csv", tmp_path / "log.csv"]
+    assert "T_bed" in import_survey(files, MILL, columns=columns).survey.table
+    with pytest.raises(InputError, match="no column 'X sol'"):
+        import_survey(files, MILL, columns=columns | {"X": "X sol"})
+
+
+def test_a_circle_without_angles_asks_for_them(tmp_path: Path) -> None:
+    pd.DataFrame({"point": range(1, 9), "Abweichung [um]": 1.5}).to_csv(tmp_path / "bb.csv", index=False)
+    with pytest.raises(InputError, match=r"A trace needs the angle of each reading"):
+        import_survey(tmp_path / "bb.csv", MILL, centre={"X": 0, "Y": 0, "Z": 300})
