@@ -76,7 +76,7 @@ WRONG: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], tuple[str, ...]]]
     "two stations": (moved, ("rows 81 to 120 lie in another measuring frame", "frame: per-run")),
     "wild rows": (wild, ("rows 5, 51 lie up to 320 mm", "other 118 rows", "--robust")),
     "instrument stopped": (stopped, ("10 of 120 rows repeat", "rows 22, 23", "take the copies out")),
-    "one row for all": (lambda t: t.loc[[7] * 60], ("60 rows that are all the same", "all over the travels")),
+    "one row for all": (lambda t: t.loc[[7] * 60], ("59 of 60 rows repeat",)),
     "a stopped record": (lambda t: t.assign(Z=200.0), ("columns Z: the same in all rows", "the record had stopped")),
     "another order": (shuffled, ("nothing to do with the commands", "serial chains", "delta")),
 }

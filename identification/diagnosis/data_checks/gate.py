@@ -78,11 +78,11 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
 
 
 def _refuse_copies(chain: Chain, survey: Survey) -> None:
+    if (copies := copied_rows(chain, survey)) is not None:  # they lie where they should, and count more than once
+        raise InputError(str(survey.source), copies.text, _cure(copies))
     rows = survey.table.iloc[np.concatenate([np.zeros(0, np.intp), *groups(survey)])]
     if len(rows) >= FEWEST and bool((rows.drop(columns=["row"]).nunique(dropna=False) == 1).all()):
         raise InputError(str(survey.source), f"{len(rows)} rows that are all the same", "Measure all over the travels")
-    if (copies := copied_rows(chain, survey)) is not None:  # they lie where they should, and count more than once
-        raise InputError(str(survey.source), copies.text, _cure(copies))
 
 
 def examine(machine: Machine, survey: Survey, robust: bool = False) -> None:
