@@ -139,7 +139,7 @@ class Controller(Target):
     backlash_parameter : name of the control's parameter, with the axis as ``{axis}`` or ``{number}``; empty: none.
     first_number : number of the first axis, if files name axes by numbers; `number_form`: how they are then written.
     most_tables : number of tables that the control holds; None: no bound.
-    counted : whether controls of this kind hold different numbers of tables, so that the user may bound it.
+    few_tables : tables that the smaller controls of this kind hold, where the user may bound them; None: all alike.
     """
 
     comment: ClassVar[Comment | None] = None
@@ -154,7 +154,7 @@ class Controller(Target):
     describes_tilt: ClassVar[bool] = True  # whether its kinematic description takes a tilted rotary axis; else tables
     lettered: ClassVar[bool] = True  # whether files need the controller's own letters
     most_tables: ClassVar[int | None] = None
-    counted: ClassVar[bool] = False
+    few_tables: ClassVar[int | None] = None
     bidirectional: ClassVar[bool] = False  # whether there are tables for each direction of travel
     linear_only: ClassVar[bool] = True  # whether linear axes only are corrected
     follows_tool: ClassVar[bool] = False  # whether corrections follow the length of the tool
@@ -214,9 +214,15 @@ class Controller(Target):
         """Number of the control's tables that terms need, where controls of one kind hold different numbers of them."""
         return sum(bool(t.inputs) for t in terms)
 
-    def heed(self, tables: Tables, setup: Setup) -> list[str]:
-        """What comes first about these tables, such as that there are more than most controls hold."""
-        return []
+    def needed(self, tables: Tables) -> str:
+        """How many tables the control must hold, and how many such controls have; only with `few_tables`."""
+        return f"{self.used([t.term for t in tables])} tables are needed"
+
+    def heed(self, tables: Tables) -> list[str]:
+        """What comes first about these tables: that they are more than the smaller controls hold."""
+        if self.few_tables is None or self.used([t.term for t in tables]) <= self.few_tables:
+            return []
+        return [f"{self.needed(tables)}. With fewer: --max-tables N takes those that gain most, and says what is left"]
 
     def own_check(self, setup: Setup, tables: Tables) -> dict[str, str] | None:
         """Files of a check other than that with an indicator, by name; None: the usual check."""

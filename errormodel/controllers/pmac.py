@@ -32,7 +32,6 @@ from errormodel.controllers.text import Comment, Files, one_file
 from errormodel.exceptions import InputError
 
 COMP_TABLE = re.compile(r"#(\d+) DEFINE COMP (\d+),#(\d+)D,#(\d+),(\d+)\s+([-\d\s]+)")
-FEW_TABLES, HELD = 8, "a PMAC holds 8, a Turbo PMAC 32"
 
 
 class Pmac(Controller):
@@ -57,7 +56,7 @@ class Pmac(Controller):
     )
     most_points: ClassVar[int] = 1000
     most_tables: ClassVar[int | None] = 32
-    counted: ClassVar[bool] = True
+    few_tables: ClassVar[int | None] = 8
 
     def unit(self, setup: Setup) -> float:
         """A sixteenth of a count, mm."""
@@ -70,19 +69,16 @@ class Pmac(Controller):
         return f"{round(size / self.unit(setup)):+d} sixteenths of a count"
 
     def about(self, tables: Tables, setup: Setup) -> list[str]:
-        count = sum(bool(t.term.inputs) for t in tables)
         turning = {t.term.inputs[0] for t in tables if t.term.inputs and setup.axis(t.term.inputs[0]).turns}
         beside = [
             f"tables over {i} do not repeat at {FULL_TURN:g} deg: let {i} stay within one turn"
             for i in sorted(turning)
             if not all(self._round(setup, t) for t in tables if t.term.inputs == (i,))
         ]
-        return [*(() if count > FEW_TABLES else (f"{count} tables are needed: {HELD}",)), *beside]
+        return [*(() if self.heed(tables) else (self.needed(tables),)), *beside]
 
-    def heed(self, tables: Tables, setup: Setup) -> list[str]:
-        count = self.used([t.term for t in tables])
-        more = "With fewer: --max-tables N takes those that gain most, and says what is left"
-        return [f"{count} tables are needed: {HELD}. {more}"] if count > FEW_TABLES else []
+    def needed(self, tables: Tables) -> str:
+        return f"{super().needed(tables)}: a PMAC holds 8, a Turbo PMAC 32"
 
     def terms(self, setup: Setup) -> list[Term]:
         curves = [

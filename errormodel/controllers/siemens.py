@@ -46,7 +46,6 @@ LEC = re.compile(rf"\$AA_ENC_COMP(?:_(\w+))?\[0,(?:(\d+),)?(\w+)1\]=({NUMBER_PAT
 CEC = re.compile(rf"\$AN_CEC(?:_(\w+))?\[(\d+)(?:,(\d+))?\]=\(?({NUMBER_PATTERN}|\w+1)\)?")
 SIEMENS_THERMAL_DOUBT = "the sign (taken as that of $AA_ENC_COMP: a positive value moves the axis in minus direction)"
 LEVER = re.compile(r"^; \[(\d+)\] only multiplies others: ((?:sin |cos )?\w+)$", re.MULTILINE)
-FEW_TABLES = 8  # of $AN_CEC, which an 828D and an 840D sl of four axes hold
 # deg between points of a sine table: linear interpolation then errs by less than 0.03 % of the amplitude
 SINE_STEP_DEG = 2.5
 
@@ -231,7 +230,7 @@ class SiemensCec(Siemens):
     )
     bidirectional: ClassVar[bool] = True
     most_points: ClassVar[int] = 200
-    counted: ClassVar[bool] = True
+    few_tables: ClassVar[int | None] = 8  # an 828D, and an 840D sl of four axes
     most_tables: ClassVar[int | None] = 55  # of 62 on an 840D sl, the rest being lever tables
 
     def terms(self, setup: Setup) -> list[Term]:
@@ -260,7 +259,7 @@ class SiemensCec(Siemens):
     def used(self, terms: Sequence[Term]) -> int:
         return len(terms) + len({t.factor for t in terms if t.factor})
 
-    def _needed(self, tables: Tables) -> str:
+    def needed(self, tables: Tables) -> str:
         count, own = self.used([t.term for t in tables]), len(tables)
         which = f" (t = {', '.join(map(str, range(count - own)))})" if count > own else ""
         return (
@@ -269,14 +268,9 @@ class SiemensCec(Siemens):
             "compensation"
         )
 
-    def heed(self, tables: Tables, setup: Setup) -> list[str]:
-        if self.used([t.term for t in tables]) <= FEW_TABLES:
-            return []
-        return [f"{self._needed(tables)}. With fewer: --max-tables N takes those that gain most, and says what is left"]
-
     def about(self, tables: Tables, setup: Setup) -> list[str]:
         return [
-            *(() if self.heed(tables, setup) else (self._needed(tables),)),
+            *(() if self.heed(tables) else (self.needed(tables),)),
             *(
                 f"{a.name} goes round: its tables are modulo ({a.measured[0]:g} to {a.measured[1]:g} deg), and it must "
                 "be a modulo axis of that range (MD30310, MD30330)"

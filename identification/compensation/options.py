@@ -22,8 +22,8 @@ def check_invert(controller: Target, invert: bool) -> None:
 
 def check_most(controller: Target, most: int | None) -> None:
     """Raise InputError where a number of tables (`most`) is given and the target's are not counted."""
-    if most is not None and not (isinstance(controller, Controller) and controller.counted):
-        counted = " or ".join(n for n, k in registry().items() if issubclass(k, Controller) and k.counted)
+    if most is not None and not (isinstance(controller, Controller) and controller.few_tables):
+        counted = " or ".join(n for n, k in registry().items() if issubclass(k, Controller) and k.few_tables)
         found = f"{controller.title}, of which every control holds all that are written"
         raise InputError("--max-tables", found, f"Leave it out; it is for --controller {counted}")
 

@@ -133,7 +133,7 @@ class Compensation:
         ordered = [*rotary, *shifts] if self.rotary and self.rotary.asked else [*shifts, *rotary]
         gentle = [line for line, harmful in worst if not harmful]
         if isinstance(self.controller, Controller):
-            ordered += [f"FIRST: {x}" for x in self.controller.heed(self.usual.tables, self.setup)]
+            ordered += [f"FIRST: {x}" for x in self.controller.heed(self.usual.tables)]
         ordered += [x for x in self.turned if x.startswith("FIRST")]
         return [*dict.fromkeys(against), *(f"FIRST: {line}" for line in changed), *gentle, *self.still, *ordered]
 

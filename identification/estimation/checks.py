@@ -18,6 +18,7 @@ from errormodel.surveys.observations import observed
 from identification.estimation.least_squares import Solution, identifiable
 from identification.estimation.result import Fit, Spread
 from identification.observation.assembly import Problem
+from identification.observation.frames import MACHINE_ERROR_SHARE
 from identification.observation.identifiability import Groups
 from identification.observation.models import anywhere
 
@@ -32,6 +33,7 @@ FEW_DOF = 10  # degrees of freedom: fewer leave residuals that small by chance
 CONSTANT = 0.5  # of what a fit leaves: an offset alone that leaves less explains more
 MOST_NAMED = 6  # rows in a note
 WILD = 10.0  # times the distance of four rows of five: no error motion leads a row so far from the others
+WILD_FROM = 10 * MACHINE_ERROR_SHARE  # of the machine's size: nor so far from where the nominal machine puts it
 WRONG_UNIT_FACTOR = 100.0  # times: so far off is a declaration in another unit
 
 

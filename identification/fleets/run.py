@@ -77,7 +77,9 @@ def run_fleet(
             with steps(word) as far:
                 _made(folder, crew, work, {k: tasks[k] for k in left}, results, warn, far)
         except KeyboardInterrupt as error:
-            count = sum((folder_of(folder.path, task) / RECORD).exists() for task in tasks)  # some were not told yet
+            count = sum(
+                (folder_of(folder.path, task) / RECORD).exists() for task in tasks
+            )  # also of jobs not yet returned
             said = (
                 f"{count} of {len(tasks)} parts are kept in {folder.path / PARTS}, and the same command goes on there"
             )

@@ -22,10 +22,10 @@ from errormodel.machine import Machine
 from errormodel.survey_rows import WHOLE, SurveyRows, ranges_of
 from errormodel.yamlfile import Document
 from identification.bayes.settings import PriorForm
-from identification.diagnosis.data_checks.gate import WILD_FROM, passed
+from identification.diagnosis.data_checks.gate import passed
 from identification.diagnosis.data_checks.rows import OWN_FILE, OWN_RUN
 from identification.estimation.bounded import bounded
-from identification.estimation.checks import WILD, another, far_off, looked_over
+from identification.estimation.checks import WILD, WILD_FROM, another, far_off, looked_over
 from identification.estimation.fit import HELDOUT_BLOCK_ROWS, fit_machine, fit_notes, look_at, moved, placed
 from identification.estimation.least_squares import Solution
 from identification.estimation.noise import correlated

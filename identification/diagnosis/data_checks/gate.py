@@ -29,11 +29,10 @@ from identification.diagnosis.data_checks.readings import lengths_of, refuse_min
 from identification.diagnosis.data_checks.readings import refuse_wild as refuse_wild_lengths
 from identification.diagnosis.data_checks.runs_of_motions import refuse_unlike_runs
 from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
-from identification.estimation.checks import FOREIGN_MACHINE_SHARE, WILD, another, far_off, looked_over
+from identification.estimation.checks import FOREIGN_MACHINE_SHARE, WILD, WILD_FROM, another, far_off, looked_over
 from identification.estimation.result import Fit
 from identification.observation.frames import MACHINE_ERROR_SHARE
 
-WILD_FROM = 10 * MACHINE_ERROR_SHARE  # of the machine's size: no row of a sound recording lies so far off
 EXPLAINED = 0.01  # of the nominal error: a fit that leaves less has found it, if its errors are of a machine's size
 LARGE = 0.05  # rad or 1: error motions of a joint that a machine never has
 
@@ -60,11 +59,12 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
             examine(machine, survey)  # a mistake is a better reason than what came of it
         raise
     _refuse_copies(fit.chain, survey)
+    lengths = lengths_of(fit.chain, fit.problem.views)
     if robust:
         refuse_minority(survey, fit)
     else:
-        refuse_wild_lengths(survey, lengths_of(fit.chain, fit.problem.views))
-    fit = replace(fit, notes=(*fit.notes, *start_notes(fit)))
+        refuse_wild_lengths(survey, lengths)
+    fit = replace(fit, notes=(*fit.notes, *start_notes(fit.survey, lengths)))
     refuse_turned_head(fit)
     refuse_foreign_orientations(survey, fit.problem.views)
     refuse_unstated_rotation(fit)

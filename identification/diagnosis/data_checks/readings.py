@@ -17,13 +17,12 @@ from errormodel.exceptions import InputError
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.blunder import listed
 from identification.diagnosis.data_checks.shared_starts import WrongStart, start_lines, wrong_starts
+from identification.estimation.checks import WILD, WILD_FROM
 from identification.estimation.result import Fit
 from identification.observation.frames import MACHINE_ERROR_SHARE
 from identification.observation.models import View
 from identification.observation.readings import ReadingView
 
-WILD = 10.0  # times the gap of most readings, and
-WILD_FROM = 10 * MACHINE_ERROR_SHARE  # of the machine's size: no reading of a sound recording lies so far off
 MINORITY = 0.5  # of the readings of an observation left out: what is left is the smaller part, and may be the wrong one
 MOST_WILD = 200  # readings, among which exchanged ones are looked for
 
@@ -128,12 +127,10 @@ def length_lines(survey: Survey, lengths: Sequence[Lengths]) -> Iterator[str]:
         yield from start_lines(survey, own.label, own.index, own.starts)
 
 
-def start_notes(fit: Fit) -> Iterator[str]:
-    """Notes of a fit on set-ups of distances that are off in common."""
-    for view in fit.problem.readings:
-        if view.observation.poses > 1 and not view.turns:
-            for own in lengths_of(fit.chain, [view]):
-                yield from start_lines(fit.survey, own.label, own.index, own.starts)
+def start_notes(survey: Survey, lengths: Sequence[Lengths]) -> Iterator[str]:
+    """Sentences on set-ups of distances that are off in common."""
+    for own in lengths:
+        yield from start_lines(survey, own.label, own.index, own.starts)
 
 
 def _rows(survey: Survey, index: Index) -> Index:
