@@ -71,10 +71,11 @@ class FusedKernel:
         whole[:, : slopes.shape[1]] = slopes
         slow = iter(self.before.functions(rows, scalars) if self.before.n_functions else ())
         inputs = [rows[number] if number < self.given else next(slow) for number in self.tape.inputs]
-        sums(
-            self.steps, values, *_places(inputs), len(rows[0]), work, first, n, whole, order + first, tiles, weights,
-            out, found,
-        )  # fmt: skip
+        with np.errstate(all="ignore"):  # both branches of a switch are evaluated
+            sums(
+                self.steps, values, *_places(inputs), len(rows[0]), work, first, n, whole, order + first, tiles,
+                weights, out, found,
+            )  # fmt: skip
         return out, *(found.tolist() or (0.0, 0.0))
 
 

@@ -39,7 +39,8 @@ def both(made: Kernel, rows: list[Array], p: Array) -> tuple[Array, Array]:
     first = len(own.tape.inputs) + own.tape.registers
     work = _aligned(first + made.n_functions)
     fill(memory, places, np.uintp(0), work, np.uintp(n))
-    run(own.steps, np.append(own.tape.values(p), 0.0), work, n)
+    with np.errstate(all="ignore"):  # of the loops in plain Python, as their caller has it
+        run(own.steps, np.append(own.tape.values(p), 0.0), work, n)
     return plain, work[first:, :n]
 
 
