@@ -225,8 +225,7 @@ class Chain:
             step, rotation = self._transform(element, motions[place] if motions else zero)
             point, turn = point + turn @ step, turn @ rotation
         tip, rotation = _move(motions[-1] if motions else zero)
-        tool = ca.vertcat(*(self._channel[c] for c in TOOL_CHANNELS))
-        return point + turn @ (tool + tip), turn @ rotation
+        return point + turn @ (self.tool_channels + tip), turn @ rotation
 
     def _transform(self, element: Shape | Joint, motion: ca.SX) -> tuple[ca.SX, ca.SX]:
         shift, turn = _move(motion)
@@ -264,17 +263,34 @@ class Chain:
 
     @cached_property
     def _levers(self) -> ca.SX:
-        """Levers (6, 6 * elements): motion of the tool per unit of each motion of each element.
+        """Levers (6, 6 * elements): motion of the tool per unit of each motion of each element."""
+        turns = [ca.SX.eye(3), ca.SX.eye(3)]  # before the motion of the frame, and of the first element
+        for _, rotation in self.nominal_steps:
+            turns.append(turns[-1] @ rotation)
+        return self.levers_in(turns)
+
+    @property
+    def nominal_steps(self) -> list[tuple[ca.SX, ca.SX]]:
+        """Offset (3, 1) and rotation (3, 3) of each of the machine's elements without errors."""
+        return [self._transform(element, ca.SX.zeros(6)) for element in self.machine.elements]
+
+    @property
+    def tool_channels(self) -> ca.SX:
+        """The tool's three channels as symbols (3, 1)."""
+        return ca.vertcat(*(self._channel[c] for c in TOOL_CHANNELS))
+
+    def term(self, identity: str) -> tuple[int, Term]:
+        """Number of the element that a parameter moves, among all, and its term."""
+        return self._columns[self.index[identity]]
+
+    def levers_in(self, turns: Sequence[ca.SX]) -> ca.SX:
+        """Levers (6, 6 * elements) in axes that `turns` (3, 3) of each element's motion carry its own axes into.
 
         Arms are summed from the tool back and not as differences of positions, so that a zero arm is exactly zero.
         """
-        steps = [self._transform(element, ca.SX.zeros(6)) for element in self.machine.elements]
-        turns = [ca.SX.eye(3), ca.SX.eye(3)]  # before the motion of the frame, and of the first element
-        arm = ca.vertcat(*(self._channel[c] for c in TOOL_CHANNELS))
+        arm = self.tool_channels
         arms = [ca.SX.zeros(3)]  # a motion of the tool turns about the tip
-        for _, rotation in steps:
-            turns.append(turns[-1] @ rotation)
-        for step, rotation in reversed(steps):
+        for step, rotation in reversed(self.nominal_steps):
             arms.append(rotation @ arm)
             arm = step + arms[-1]
         arms.append(arm)
@@ -327,10 +343,14 @@ class Chain:
         expression = self.expression(what, ids)
         if outputs is not None:
             expression = expression[list(outputs), :]
+        return self.folded(expression, self.rows, fixed)
+
+    def folded(self, expression: ca.SX, rows: ca.SX, fixed: Sequence[tuple[str, float]]) -> Kernel:
+        """NumPy kernel of an expression of `rows`, the channels that are equal in all rows being folded in."""
         if fixed:
             symbols = ca.vertcat(*(self._channel[name] for name, _ in fixed))
             expression = ca.substitute(expression, symbols, ca.SX(ca.DM([value for _, value in fixed])))
-        return Kernel(self.rows, self.values, expression)
+        return Kernel(rows, self.values, expression)
 
     def vector(self, values: Mapping[str, float]) -> Array:
         """Parameter vector for the kernels from values by id; all others are 0."""
@@ -346,8 +366,7 @@ class Chain:
     def frames(self, position: Mapping[str, float]) -> NDArray[np.float64]:
         """Nominal frames (elements + 1, 4, 4) at one command: the reference, then that after each element; mm."""
         out, point, turn = [np.eye(4)], ca.SX.zeros(3), ca.SX.eye(3)
-        for element in self.machine.elements:
-            step, rotation = self._transform(element, ca.SX.zeros(6))
+        for step, rotation in self.nominal_steps:
             point, turn = point + turn @ step, turn @ rotation
             function = ca.Function("f", [self.rows], [ca.horzcat(turn, point)])
             frame = np.eye(4)

@@ -1,21 +1,21 @@
 """Fast numerical evaluation of a CasADi expression: its instruction list, run by NumPy on blocks of rows.
 
 What does not depend on the row is computed once, and the rest becomes a list of steps that work in place on blocks that
-fit the cache. No compiler is needed; where Numba is installed, blocks of long surveys go through
-`errormodel.kernel_compiled`. The tests compare both with CasADi to 1e-12.
+fit the cache. No compiler is needed; where Numba is installed, sums over long surveys go through
+`errormodel.kernel_fused`. The tests compare both with CasADi to 1e-12.
 """
 
 from __future__ import annotations
 
 import operator
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib.util import find_spec
-from types import ModuleType
-from typing import Any
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -25,7 +25,7 @@ from errormodel.kernel_program import LEAVES, Program, trace, with_tangents
 
 # rows per block: few calls, and the functions of a five-axis machine stay in the caches
 KERNEL_BLOCK_ROWS = 4096
-COMPILED_ROWS = 1_000_000  # rows from which the compiled loops are worth the half second that Numba takes to load
+COMPILED_ROWS = 500_000  # rows from which a fit saves a second of CPU by the loops, twice what loading Numba takes
 # of single numbers NumPy's functions give the same, and take ten times as long
 OF_NUMBERS: dict[str, Callable[..., float]] = {
     "add": operator.add, "subtract": operator.sub, "multiply": operator.mul, "negative": operator.neg
@@ -44,14 +44,14 @@ _in_all: ContextVar[int] = ContextVar("in_all", default=0)
 
 
 @cache
-def _compiled() -> ModuleType | None:
+def _compiled() -> bool:
     if find_spec("numba") is None:
-        return None
+        return False
     try:
-        from errormodel import kernel_compiled
+        from errormodel import kernel_compiled  # noqa: F401  (whether it can be loaded)
     except (ImportError, RuntimeError):  # a Numba for another NumPy, or no folder that it may keep its code in
-        return None
-    return kernel_compiled
+        return False
+    return True
 
 
 @contextmanager
@@ -64,9 +64,14 @@ def of_rows(count: int) -> Iterator[None]:
         _in_all.reset(token)
 
 
-def compiled(rows: int) -> ModuleType | None:
-    """`errormodel.kernel_compiled`, if Numba is installed and so many rows, or all that they are of, are worth it."""
-    return _compiled() if max(rows, _in_all.get()) >= COMPILED_ROWS else None
+def in_all(rows: int) -> int:
+    """How many rows so many are, or are part of."""
+    return max(rows, _in_all.get())
+
+
+def compiled(rows: int) -> bool:
+    """Whether Numba is installed and so many rows, or all that they are of, are worth the compiled loops."""
+    return in_all(rows) >= COMPILED_ROWS and _compiled()
 
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {"where": _chosen}
@@ -108,15 +113,18 @@ class Tape:
         return np.array([known[k] for k in self.fixed], dtype=np.float64)
 
 
-def tape_of(program: Program, wanted: list[int]) -> Tape:
-    """Steps for the wanted nodes, arithmetic apart from slower functions as far as their order allows."""
+def tape_of(program: Program, wanted: list[int], in_place: bool = True) -> Tape:
+    """Steps for the wanted nodes, arithmetic apart from slower functions as far as their order allows.
+
+    Steps may work `in_place`: their result then takes the register of an operand that is used for the last time.
+    """
     nodes, needed = program.nodes, program.needed(wanted)
     stage: dict[int, int] = {}
     for node in needed:
-        stage[node] = max((stage[a] + _slow(nodes[a][0]) for a in program.operands(node)), default=0)
+        stage[node] = max((stage[a] + is_slow(nodes[a][0]) for a in program.operands(node)), default=0)
     scalars = [n for n in needed if program.scalar[n]]
     where = {node: k for k, node in enumerate(scalars)}
-    steps = sorted((n for n in needed if not program.scalar[n]), key=lambda n: (stage[n], _slow(nodes[n][0]), n))
+    steps = sorted((n for n in needed if not program.scalar[n]), key=lambda n: (stage[n], is_slow(nodes[n][0]), n))
     inputs = [n for n in steps if nodes[n][0] == "input"]
     work = [n for n in steps if nodes[n][0] != "input"]
     used = {a for n in work for a in program.operands(n)} | set(wanted)
@@ -131,14 +139,15 @@ def tape_of(program: Program, wanted: list[int]) -> Tape:
     for node in work:
         kind, operands = nodes[node][0], program.operands(node)
         taken = tuple(slot[a] for a in operands)
-        # registers of operands that are used here for the last time are freed first: steps may work in place
-        free += [slot[a] for a in dict.fromkeys(operands) if last[a] == node and slot[a][0] == "work"]
+        over = [slot[a] for a in dict.fromkeys(operands) if last[a] == node and slot[a][0] == "work"]
+        free += over if in_place else []
         if node in home:
             slot[node] = "function", home[node]
         elif free:
             slot[node] = free.pop()
         else:
             slot[node], registers = ("work", registers), registers + 1
+        free += [] if in_place else over
         out.append((kind, taken, slot[node]))
     first = {"fixed": 0, "work": len(fixed) + len(inputs), "function": len(fixed) + len(inputs) + registers}
     return Tape(
@@ -155,7 +164,8 @@ def tape_of(program: Program, wanted: list[int]) -> Tape:
     )
 
 
-def _slow(kind: str) -> bool:
+def is_slow(kind: str) -> bool:
+    """Whether a step takes NumPy longer than reading and writing memory."""
     return kind not in ARITHMETIC and kind not in LEAVES
 
 
@@ -174,41 +184,41 @@ class Kernel:
     Attributes
     ----------
     n_functions : int
-        Distinct non-zero functions among the outputs, up to sign and constant factor.
+        Distinct non-zero functions among the outputs, up to sign and constant factor, in the order of the outputs.
     index, coefficient : arrays (n_outputs,)
         ``output[k] = coefficient[k] * functions[index[k]]`` (coefficient 0 where the output is identically 0).
     """
 
     def __init__(self, rows: ca.SX, scalars: ca.SX, outputs: ca.SX) -> None:
-        function = ca.Function("f", [rows, scalars], [ca.cse(outputs)])
-        program, table = trace(function)
-        wanted = sorted({node for _, node in table if node is not None})
+        program, table = trace(ca.Function("f", [rows, scalars], [ca.cse(outputs)]))
+        wanted = list(dict.fromkeys(node for _, node in table if node is not None))
         where = {node: k for k, node in enumerate(wanted)}
-        self.tape = tape_of(*with_tangents(program, wanted))
-        self.n_functions = len(wanted)
+        self.program, self.wanted = program, wanted
+        self._take(*with_tangents(program, wanted), rows.numel())
         self.n_outputs = len(table)
         self.index = np.array([0 if node is None else where[node] for _, node in table], dtype=np.intp)
         self.coefficient = np.array([value for value, _ in table])
+
+    def _take(self, program: Program, wanted: list[int], n_rows: int) -> None:
+        self.tape, self.n_rows, self.n_functions = tape_of(program, wanted), n_rows, len(wanted)
+
+    @classmethod
+    def of(cls, program: Program, wanted: list[int], n_rows: int) -> Self:
+        """Kernel of the nodes of a program, each a function and an output, on so many row symbols."""
+        self = cls.__new__(cls)
+        self._take(program, wanted, n_rows)
+        self.n_outputs, self.index, self.coefficient = len(wanted), np.arange(len(wanted)), np.ones(len(wanted))
+        return self
 
     @cached_property
     def _steps(self) -> list[tuple[Callable[..., Any], tuple[int, ...], int]]:
         return [(FUNCTIONS.get(kind) or getattr(np, kind), operands, out) for kind, operands, out in self.tape.steps]
 
     @cached_property
-    def _runs(self) -> list[Any]:
-        """Steps for the compiled loop, as long as they are arithmetic, and those of NumPy between them."""
-        from itertools import groupby
-
-        from errormodel.kernel_compiled import coded
-
-        out: list[Any] = []
-        scalars = len(self.tape.fixed)
-        for slow, steps in groupby(zip(self.tape.steps, self._steps, strict=True), lambda s: _slow(s[0][0])):
-            if slow:
-                out += [step for _, step in steps]
-            else:
-                out.append(np.array([coded(*step, scalars) for step, _ in steps], dtype=np.intp))
-        return out
+    def _once(self) -> list[bool]:
+        """Whether each input is used once."""
+        uses = Counter(k for _, operands, _ in self.tape.steps for k in operands)
+        return [uses[len(self.tape.fixed) + k] == 1 for k in range(len(self.tape.inputs))]
 
     def blocks(
         self,
@@ -216,7 +226,7 @@ class Kernel:
         scalars: Numbers = (),
         size: int = KERNEL_BLOCK_ROWS,
         into: Sequence[Array] | Array | None = None,
-        loops: ModuleType | None = None,
+        spare: int = 0,
     ) -> Iterator[tuple[slice, Array | list[Array]]]:
         """Yield ``(rows of the block, functions (n_functions, m))`` block by block.
 
@@ -226,39 +236,32 @@ class Kernel:
         scalars : values of the scalar symbols.
         size : rows per block.
         into : n_functions arrays (n,) that receive the functions; without it each block reuses one array.
-        loops : what `compiled` gives; used without `into`. The functions are the same to the last bit.
+        spare : rows of zeros behind the functions of that array: BLAS is quicker where their number has a divisor of 4.
         """
         n = len(rows[0])
         with np.errstate(all="ignore"):  # both branches of a switch are evaluated, possibly one of them at 0/0
             values = self.tape.values(scalars)
         fixed = [values[k, ...] for k in range(len(values))]
         work, functions = np.empty((0, 0)), np.empty((0, 0))
+        # others are copied: to read with a stride takes longer
+        direct = [rows[k].strides[0] in (0, 8) or once for k, once in zip(self.tape.inputs, self._once, strict=True)]
         for start in range(0, n, size):
             part = slice(start, min(start + size, n))
             m = part.stop - start
             if work.shape[1] != m:
                 work = np.empty((len(self.tape.inputs) + self.tape.registers, m))
-                functions = np.empty((0 if into is not None else self.n_functions, m))
+                functions = np.zeros((0 if into is not None else self.n_functions + spare, m))
             target = functions if into is None else [row[part] for row in into]
-            for k, number in enumerate(self.tape.inputs):
-                work[k] = rows[number][part]
             slots = [*fixed, *work, *target]
-            with np.errstate(all="ignore"):  # not around the yield, which would silence the caller's arithmetic
-                if loops is not None and into is None:
-                    self._run(loops, slots, values, work, functions)
+            for k, (number, as_is) in enumerate(zip(self.tape.inputs, direct, strict=True)):
+                if as_is:
+                    slots[len(fixed) + k] = rows[number][part]
                 else:
-                    for function, operands, out in self._steps:
-                        function(*[slots[k] for k in operands], slots[out])
+                    work[k] = rows[number][part]
+            with np.errstate(all="ignore"):  # not around the yield, which would silence the caller's arithmetic
+                for function, operands, out in self._steps:
+                    function(*[slots[k] for k in operands], slots[out])
             yield part, target
-
-    def _run(self, loops: ModuleType, slots: list[Array], values: Array, work: Array, functions: Array) -> None:
-        """All steps on a block, arithmetic in the compiled loops."""
-        for steps in self._runs:
-            if isinstance(steps, np.ndarray):
-                loops.run(steps, values, work, functions)
-            else:
-                function, operands, out = steps
-                function(*[slots[k] for k in operands], slots[out])
 
     def expand(self, functions: Array | list[Array]) -> Array:
         """All outputs (n_outputs, m) of a block, from its distinct functions."""

@@ -20,10 +20,9 @@ from identification.estimation.normal_priors import known_beforehand
 from identification.estimation.scaled_equations import scaled_inverse, scaled_solve
 from identification.observation.assembly import group_order
 from identification.observation.identifiability import DEPENDENCE_TOLERANCE, Floors, Groups, find_groups
-from identification.observation.models import GapView, Kind, View
+from identification.observation.models import GapView, Kind, PositionView, View
 from identification.observation.normal_equations import (
     RANK_SAMPLE_ROWS,
-    Sums,
     accumulate,
     design_rows,
     full_norms,
@@ -32,6 +31,7 @@ from identification.observation.normal_equations import (
     view_vector,
     weight_of,
 )
+from identification.observation.sums import Sums
 from identification.runtime.blas import one_blas_thread
 
 # Smallest estimated noise level over the largest (angles times the machine's size): a kind without noise would weigh
@@ -59,7 +59,6 @@ class Solution:
     precision : (u,) of the normal prior about zero; 0: none.
     within : standard deviation, over the machine's size, of the prior that holds rigid error motions at zero after the
         fit diverged along weakly observable directions; inf where it did not.
-    left : residuals (outputs, n) of a linear fit, for each view with the same weight in all directions.
     kept : mean square of the weighted residuals of positions, in noise variances: not 1 if rows are weighted robustly.
     """
 
@@ -76,7 +75,6 @@ class Solution:
     converged: bool
     precision: Array
     within: float = np.inf
-    left: tuple[Array, ...] = ()
     kept: float = 1.0
 
     def named(self) -> dict[str, float]:
@@ -157,6 +155,11 @@ class Solver:
         self.held = np.zeros(len(chain.ids)) if held is None else held
         if not exact:  # the gap does not change from pass to pass
             stored = [v.whitener.ndim == 1 and v.exact_columns == len(v.ids) for v in views]
+            if not self.held.any():  # positions: the kernel that gives M gives the gap as well
+                stored = [
+                    own and not (v.any_axes and isinstance(v, PositionView))
+                    for own, v in zip(stored, views, strict=True)
+                ]
             self.views = [GapView.of(v, self.held) if own else v for own, v in zip(stored, views, strict=True)]
         self.taken = np.zeros(len(unknowns))
         self.place = {name: k for k, name in enumerate(unknowns)}
@@ -214,7 +217,6 @@ class Solver:
             converged,
             self.precision,
             within,
-            tuple(v.gap for v in self.views if isinstance(v, GapView)),
         )
 
     def covariance(self, groups: Groups, sums: dict[Kind, Sums]) -> Array:
@@ -277,7 +279,10 @@ class Solver:
 
     def round_off(self) -> float:
         """Whitened length of a step that moves the measured points by 1e-13 of the machine's size."""
-        weight = sum(float(np.square(v.whitener).sum()) / self.sigma[v.kind] ** 2 for v in self.views)
+        weight = sum(
+            (weight_of(v) if v.whitener.ndim == 1 else float(np.square(v.whitener).sum())) / self.sigma[v.kind] ** 2
+            for v in self.views
+        )
         return float(1e-13 * self.chain.size * np.sqrt(self.each * weight))
 
     def iterate(self, groups: Groups, sums: dict[Kind, Sums]) -> tuple[Array, dict[Kind, Sums], int, bool]:
@@ -341,7 +346,10 @@ class Solver:
         taken, self.taken = self.taken, values
         if self.exact:
             return accumulate(self.views, self.place, values, self.held, at=at, gram=gram)
-        return accumulate(self.views, self.place, values, self.held, exact=False, gram=gram, taken=taken)
+        lengths = bool(values.any())  # not those of a machine without errors, from which all starts
+        return accumulate(
+            self.views, self.place, values, self.held, exact=False, gram=gram, taken=taken, lengths=lengths
+        )
 
     def total(self, sums: dict[Kind, Sums]) -> tuple[Array, Array]:
         """Normal equations of the data at the values of the last pass and of the prior."""
@@ -351,18 +359,21 @@ class Solver:
     def update_noise(self, sums: dict[Kind, Sums], groups: Groups) -> None:
         """Estimate the noise level of each undeclared kind, from the predicted residuals after the next step."""
         open_kinds = [k for k in sums if k not in self.known]
-        base = groups.base
+        if not open_kinds:
+            return
+        base, alone = groups.base, len(sums) == 1 and not self.precision.any()
         pick = np.ix_(base, base)
-        for _ in range(50 if open_kinds and len(sums) > 1 else 1):
+        for _ in range(50 if len(sums) > 1 else 1):
             gram, slope = self.total(sums)
             step = scaled_solve(gram[pick], slope[base])
-            inverse = scaled_inverse(gram[pick])
+            inverse = None if alone else scaled_inverse(gram[pick])
             before = dict(self.sigma)
             for kind in open_kinds:
                 own = sums[kind]
                 square = own.square - 2 * float(step @ own.slope[base]) + float(step @ own.gram[pick] @ step)
-                used = float(np.sum(inverse * own.gram[pick])) / self.sigma[kind] ** 2
-                used = len(base) if len(sums) == 1 and not self.precision.any() else used  # without round-off
+                used = float(len(base))
+                if inverse is not None:
+                    used = float(np.sum(inverse * own.gram[pick])) / self.sigma[kind] ** 2
                 free = own.count - used
                 floor = 1e-30 * max(own.square, 1e-30)
                 self.sigma[kind] = float(np.sqrt(max(square, floor) / max(free, 1e-3)))

@@ -8,8 +8,9 @@ reference, mm and rad; the whitener of a view scales them to one standard uncert
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar, Self
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from errormodel.arrays import Array, Index, Mask, Rows, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain, What
 from errormodel.kernel import KERNEL_BLOCK_ROWS, Kernel
+from errormodel.turned_design import turned_kernel
 from identification.observation.pose import IDENTITY, Pose
 
 # Kind of observation: position, orientation, displacement, angle, or the type of an entry of observations:. Each has a
@@ -60,12 +62,19 @@ class View(ABC):
     def __len__(self) -> int:
         return len(self.index)
 
+    @cached_property
+    def weight(self) -> float | None:
+        """The weight of all rows, where it is one: 1/sigma."""
+        own = self.whitener
+        return float(own[0]) if own.ndim == 1 and len(own) and bool((own == own[0]).all()) else None
+
     @property
     def count(self) -> int:
         """Number of scalar observations."""
-        if self.whitener.ndim == 1:
-            return int((self.whitener > 0).sum()) * len(self.outputs)
-        return int(self.components.sum())
+        if self.whitener.ndim > 1:
+            return int(self.components.sum())
+        rows = int((self.whitener > 0).sum()) if self.weight is None else len(self) * (self.weight > 0)
+        return rows * len(self.outputs)
 
     @property
     def components(self) -> Mask:
@@ -126,6 +135,15 @@ class View(ABC):
         what = "linearised" if linearised and self.what == "design" else self.what
         return self.chain.kernel(what, self.ids, self.fixed, self.outputs)
 
+    @property
+    def any_axes(self) -> bool:
+        """Whether sums over the rows are the same in any axes: positions with one weight a row."""
+        return False
+
+    def in_other_axes(self, p: Array) -> tuple[Kernel, Callable[[slice], list[Array]]]:
+        """Kernel of M at zero errors and of the gap at `p` in the axes of `errormodel.turned_design`, and its rows."""
+        raise NotImplementedError
+
     @abstractmethod
     def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
         """Measured minus predicted at the chain's parameters `p`, mm or rad: (len(outputs), m) per block."""
@@ -153,6 +171,14 @@ class PositionView(View):
 
     measured: Array  # (n, 3) mm in the measuring frame, 0 where not measured
     pose: Pose = IDENTITY
+
+    @property
+    def any_axes(self) -> bool:
+        return self.whitener.ndim == 1 and self.what == "design" and self.outputs == (0, 1, 2)
+
+    def in_other_axes(self, p: Array) -> tuple[Kernel, Callable[[slice], list[Array]]]:
+        kernel = turned_kernel(self.chain, "actual" if p.any() else "nominal", self.ids, self.fixed)
+        return kernel, lambda span: [*(c[span] for c in self.rows), *self.pose.invert(self.measured[span]).T]
 
     def part(self, rows: Rows) -> Self:
         return replace(super().part(rows), measured=self.measured[rows])
@@ -183,6 +209,14 @@ class GapView(View):
     """
 
     gap: Array  # (outputs, n) measured minus predicted, in the axes of the reference
+
+    @property
+    def any_axes(self) -> bool:
+        return self.whitener.ndim == 1 and self.what == "design" and self.outputs == (0, 1, 2)
+
+    def in_other_axes(self, p: Array) -> tuple[Kernel, Callable[[slice], list[Array]]]:
+        kernel = turned_kernel(self.chain, "given", self.ids, self.fixed)
+        return kernel, lambda span: [c[span] for c in (*self.rows, *self.gap)]
 
     def part(self, rows: Rows) -> Self:
         return replace(super().part(rows), gap=self.gap[:, rows])

@@ -19,7 +19,8 @@ from identification.estimation.scaled_equations import scaled_inverse, scaled_so
 from identification.observation.assembly import Problem, group_order
 from identification.observation.identifiability import Groups
 from identification.observation.models import Kind, View
-from identification.observation.normal_equations import Sums, accumulate
+from identification.observation.normal_equations import accumulate
+from identification.observation.sums import Sums
 
 KIND = "position"
 FRAME_STEPS = 6  # each leaves the share of the last by which M changes, 1e-3 or less: to round-off

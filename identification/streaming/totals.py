@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from errormodel.arrays import Array
-from identification.observation.normal_equations import Sums
+from identification.observation.sums import Sums
 
 EXTREMES = 8  # rows at each end of a channel that are kept: more than a joint has parameters of one kind
 MOST_WILD = 12  # rows far beside all others that are named

@@ -21,9 +21,10 @@ from errormodel.survey import Survey
 from errormodel.survey_rows import SurveyRows, ranges_of
 from identification.observation.assembly import build, frame_columns
 from identification.observation.models import GapView, PositionView, View
-from identification.observation.normal_equations import Sums, accumulate
+from identification.observation.normal_equations import accumulate
 from identification.observation.pose import Pose
-from identification.runtime.blas import one_blas_thread
+from identification.observation.sums import Sums
+from identification.runtime.parallel import one_core
 from identification.streaming.totals import MOST_WILD, Sizes, Totals, added, outermost
 
 SEGMENT_ROWS = 1 << 20  # rows of one job: the sums of so many are combined in the tree
@@ -69,7 +70,7 @@ def _opened(task: bytes) -> tuple[Task, Chain]:
 def totals_of(job: tuple[bytes, int, int]) -> Totals:
     """Statistics of the rows from a first to before a last one, of a pickled :class:`Task`."""
     task, chain = _opened(job[0])
-    with of_rows(task.edges[-1]), one_blas_thread():  # blocks are small: one thread is fastest
+    with of_rows(task.edges[-1]), one_core():  # other processes have the others
         return _summed(task, chain, *job[1:])
 
 

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.kernel import KERNEL_BLOCK_ROWS
-from identification.observation.models import GapView
+from identification.observation import sums as passes
+from identification.observation.sums import _Products
 from identification.runtime.blas import one_blas_thread
 from identification.runtime.parallel import one_core
 from tests.benchmarks import five_axis, ours
 
 ROWS = 1 << 22  # of vectors that fit no cache
 OUTPUTS, PASSES = 3, 2  # components of a position; passes over M in a linear fit
+SOME = 1 << 17  # poses on which the parts of compiled loops are measured
 FITTED = 1_000_000  # poses of the fit whose parts are measured
 
 
@@ -46,28 +50,27 @@ def measured() -> dict[str, float]:
             "in cache": 24 * many * small.shape[1] / least(in_cache) / 1e9,
             "dgemm": 2 * 512**3 / least(lambda: square @ square) / 1e9,
         }
-    made = ours.kernel()
-    steps, n = len(made.tape.steps), made.n_functions
-    products = (n + OUTPUTS) * (n + OUTPUTS + 1)  # a product and a sum each, of one triangle
-    streamed = 2 * OUTPUTS * n * (2 * PASSES - 1)  # residuals and their products with the functions
-    gram = (products + streamed) / found["dgemm"]
+    reference, made = ours.kernel(), ours.turned_kernel()
+    n, steps = made.n_functions, len(made.tape.steps)
+    # a product and a sum each: of one triangle; of the gaps and the functions, and of what is taken off the gaps
+    gram = (n * (n + 1) + 2 * (2 * PASSES - 2) * OUTPUTS * (n - OUTPUTS)) / found["dgemm"]
     return found | {
-        "M, arithmetic": steps / found["dgemm"] * 2,  # no step is a product and a sum at once
-        "M, every step through the cache": 24 * steps / found["in cache"],
+        "M of the reference, arithmetic": len(reference.tape.steps) / found["dgemm"] * 2,  # not two at once
+        "M of the reference, every step through the cache": 24 * len(reference.tape.steps) / found["in cache"],
         "fit, arithmetic": PASSES * steps / found["dgemm"] * 2 + gram,
         "fit, every step through the cache": PASSES * 24 * steps / found["in cache"] + gram,
-        "dense M, written once": 8 * made.n_outputs / found["fill"],
+        "dense M, written once": 8 * reference.n_outputs / found["fill"],
     }
 
 
 def parts(found: dict[str, float]) -> dict[str, tuple[float, float]]:
     """Parts of a fit by NumPy alone, each by itself: ns of CPU a pose, and the least by arithmetic and by the cache."""
-    made, rng, m = ours.kernel(), np.random.default_rng(0), KERNEL_BLOCK_ROWS
-    n, q, many = made.n_functions, five_axis.poses(16 * m), 20
-    measured, steps = five_axis.nominal(q), len(made.tape.steps)
-    view = ours._view(q, measured)
-    points = len(view.chain.kernel("nominal", (), view.fixed, view.outputs).tape.steps)
-    functions, gap, slopes = rng.normal(size=(n, m)), rng.normal(size=(OUTPUTS, m)), rng.normal(size=(OUTPUTS + 1, n))
+    made, rng, m = ours.turned_kernel(), np.random.default_rng(0), KERNEL_BLOCK_ROWS
+    whole, n, many = made.n_functions, made.n_functions - OUTPUTS, 20
+    q, steps = five_axis.poses(16 * m), len(made.tape.steps)
+    measured = five_axis.nominal(q)
+    functions, slopes = rng.normal(size=(whole + -whole % 4, m)), rng.normal(size=(OUTPUTS + 1, n))
+    lengths = _Products(np.zeros((0, 0)))
     all_q = five_axis.poses(FITTED)
     seen = five_axis.nominal(all_q) + rng.normal(0, 0.01, (FITTED, OUTPUTS))
 
@@ -79,37 +82,78 @@ def parts(found: dict[str, float]) -> dict[str, tuple[float, float]]:
 
     with one_core():
         took = {
-            "nominal points and gaps": (
-                least(lambda: GapView.of(view, view.at_zero)) / len(q) * 1e9,
-                through(24 * points + 48 * OUTPUTS, 2 * points),
-            ),
-            "M, twice": (
-                PASSES * least(lambda: ours.stream_numpy(q)) / len(q) * 1e9,
+            "M and gaps, twice": (
+                PASSES * least(lambda: ours.stream_fitted(q, measured)) / len(q) * 1e9,
                 PASSES * through(24 * steps, 2 * steps),
             ),
-            "products of the functions (OpenBLAS)": (
+            "products of functions and gaps (OpenBLAS)": (
                 block(lambda: functions @ functions.T),
-                through(8 * n, n * (n + 1)),
+                through(8 * whole, whole * (whole + 1)),
             ),
-            "residual, and its products, twice": (
-                block(lambda: gap - (slopes @ functions)[:OUTPUTS]) + PASSES * block(lambda: functions @ gap.T),
-                (PASSES + 1) * through(8 * n, 2 * OUTPUTS * n),
+            "what is taken off the gaps, and their products": (
+                block(lambda: functions[n:] - slopes @ functions[:n]) + block(lambda: functions[:n] @ functions[n:].T),
+                2 * through(8 * whole, 2 * OUTPUTS * n),
             ),
-            "ranks, groups, noise": (
-                least(lambda: ours.fit_numpy(all_q[:500], seen[:500])) / FITTED * 1e9,
-                0.0,
-            ),
+            "lengths of residuals": (block(lambda: lengths.add_lengths(functions[n:whole])), 0.0),
+            "ranks, groups, noise": _fixed(ours.fit_numpy, all_q, seen),
         }
-        whole = least(lambda: ours.fit_numpy(all_q, seen)) / FITTED * 1e9
-    took["sizes of residuals, and what the caches lose between the parts"] = (
-        whole - sum(own for own, _ in took.values()),
-        0.0,
-    )
-    return took | {"fit": (whole, sum(bound for _, bound in took.values()))}
+        took["fit"] = least(lambda: ours.fit_numpy(all_q, seen)) / FITTED * 1e9, 0.0
+    return _with_rest(took)
 
 
-def show_parts(took: dict[str, tuple[float, float]]) -> None:
-    print(f"\nA fit of {FITTED} poses by NumPy alone, by parts{'ns a pose':>23}{'at least':>12}")
+def compiled_parts(found: dict[str, float]) -> dict[str, tuple[float, float]]:
+    """The same of a fit by the compiled loops in one thread, as differences."""
+    from errormodel import kernel_fused
+
+    q = five_axis.poses(FITTED)
+    seen = five_axis.nominal(q) + np.random.default_rng(0).normal(0, 0.01, (FITTED, OUTPUTS))
+    view, columns = ours._view(q[:SOME], seen[:SOME]), np.arange(len(five_axis.IDS))
+    linear, flops = np.full(len(columns), 1e-6), found["dgemm"]
+    with one_core(), ours.compiled_from(0):
+        works = [
+            passes.Pass(view, columns, given, view.at_zero, None, gram, True).work()
+            for given, gram in ((None, True), (linear, False))
+        ]
+        loops, n = kernel_fused.fused(works[0].kernel), works[0].kernel.n_functions - OUTPUTS
+        steps, nothing = loops.steps, (np.zeros((3, 0)), np.zeros(0, np.intp), np.zeros((0, 2), np.intp))
+
+        def took(own: tuple[Any, ...], lengths: bool = False) -> float:
+            rows = works[0].rows(slice(None))
+            return least(lambda: loops.sums(rows, (), n, *own, np.zeros(0), lengths)) / SOME * 1e9
+
+        computed, sized = took(nothing), took(nothing, True) - took(nothing)
+        loops.steps = steps[:0]
+        read = took(nothing)
+        loops.steps = steps
+        gram, slopes = (w.tiles for w in works)
+        off = took((works[1].slopes[:3], *slopes))
+        out = {
+            "commands and measurements, twice": (PASSES * read, PASSES * 64 / found["triad"]),
+            "M and gaps, twice": (PASSES * (computed - read), PASSES * 2 * len(steps) / flops),
+            "products of functions and gaps": (took((nothing[0], *gram)) - computed, 2 * 292 / flops),
+            "what is taken off the gaps, and their products": (off - computed, 2 * 2 * OUTPUTS * n / flops),
+            "lengths of residuals": (sized, 0.0),
+            "ranks, groups, noise": _fixed(ours.fit_compiled, q, seen),
+            "fit": (least(lambda: ours.fit_compiled(q, seen)) / FITTED * 1e9, 0.0),
+        }
+    return _with_rest(out)
+
+
+def _fixed(fit: Callable[..., object], q: Array, seen: Array) -> tuple[float, float]:
+    return least(lambda: fit(q[:500], seen[:500])) / FITTED * 1e9, 0.0
+
+
+def _with_rest(took: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+    """The parts with what is left of the whole, which comes last."""
+    *parts, (name, (whole, _)) = took.items()
+    rest = whole - sum(own for _, (own, _) in parts)
+    return {**dict(parts), "what the caches lose between the parts": (rest, 0.0)} | {
+        name: (whole, sum(bound for _, (_, bound) in parts))
+    }
+
+
+def show_parts(how: str, took: dict[str, tuple[float, float]]) -> None:
+    print(f"\n{f'A fit of {FITTED} poses by {how}':<62}{'ns a pose':>12}{'at least':>12}")
     for name, (own, bound) in took.items():
         print(f"{name:<68}{own:>6.0f}{f'{bound:.0f}' if bound else '-':>12}")
 

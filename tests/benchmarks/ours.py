@@ -6,23 +6,26 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
 from errormodel import kernel as known
+from errormodel import turned_design
 from errormodel.arrays import Array
 from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.conventions import MOTIONS
-from errormodel.kernel import Kernel, compiled
+from errormodel.kernel import Kernel
 from errormodel.machine import Basis, Joint, Machine, Shape
 from identification.estimation import least_squares
 from identification.observation.models import GapView, PositionView, View
+from identification.observation.sums import range_rows
+from identification.runtime.parallel import parallel_map
 from tests.benchmarks.five_axis import IDS, JOINTS, TOOL
 
 __all__ = [
     "IDS", "as_design", "build", "build_compact", "fit", "fit_compiled", "fit_numpy", "solve", "stream",
-    "stream_compiled", "stream_numpy",
+    "stream_compiled", "stream_fitted",
 ]  # fmt: skip
 
 
@@ -57,12 +60,6 @@ def as_design(result: Array, q: Array) -> Array:
     return result.reshape(len(IDS), 3, len(q)).transpose(2, 1, 0)
 
 
-def stream(q: Array) -> int:
-    """M as every fit takes it: its distinct functions, block by block through one buffer; nothing is kept."""
-    blocks = kernel().blocks(_rows(q), loops=compiled(len(q)))
-    return sum(functions.shape[1] for _, functions in blocks)  # type: ignore[union-attr]
-
-
 @contextmanager
 def compiled_from(rows: int) -> Iterator[None]:
     """The compiled loops from so many rows, where Numba is installed."""
@@ -73,16 +70,35 @@ def compiled_from(rows: int) -> Iterator[None]:
         known.COMPILED_ROWS = before
 
 
-def stream_numpy(q: Array) -> int:
-    """`stream` by NumPy alone."""
-    with compiled_from(sys.maxsize):
-        return stream(q)
+def turned_kernel() -> Kernel:
+    """M in the axes in which long surveys are fitted; its last three functions are the gap."""
+    return turned_design.turned_kernel(chain(), "nominal", IDS, dict(zip(TOOL_CHANNELS, TOOL, strict=True)))
+
+
+def stream(q: Array) -> int:
+    """M in the axes of the reference by NumPy: its distinct functions, block by block through one buffer."""
+    return sum(np.asarray(functions).shape[1] for _, functions in kernel().blocks(_rows(q)))
+
+
+def stream_fitted(q: Array, measured: Array) -> int:
+    """M and the gap as long fits take them, by NumPy."""
+    blocks = turned_kernel().blocks([*_rows(q), *measured.T])
+    return sum(np.asarray(functions).shape[1] for _, functions in blocks)
 
 
 def stream_compiled(q: Array) -> int:
-    """`stream` by the compiled loops."""
-    with compiled_from(0):
-        return stream(q)
+    """M in the axes of the reference by the compiled loops, strip by strip, on all cores."""
+    from errormodel.kernel_fused import fused
+
+    rows, nothing = _rows(q), np.zeros(0)
+
+    def work(span: slice) -> int:
+        own, none = [c[span] for c in rows], np.zeros((0, 2), dtype=np.intp)
+        fused(kernel()).sums(own, (), 0, np.zeros((3, 0)), none[:, 0].copy(), none, nothing, False)
+        return len(own[0])
+
+    size = range_rows(len(q))
+    return sum(parallel_map([partial(work, slice(k, k + size)) for k in range(0, len(q), size)]))
 
 
 def fit_numpy(q: Array, measured: Array) -> dict[str, object]:
@@ -115,15 +131,14 @@ def fit(q: Array, measured: Array) -> dict[str, object]:
         residual), mm: what ``rivals.competent_numpy.fit`` returns.
     """
     found = least_squares.solve(chain(), [_view(q, measured)], IDS, exact=False)
-    (left,) = found.left
-    size = np.sqrt(np.einsum("cm,cm->m", left, left))
+    own = found.sums["position"]
     return {
         **_estimates(found),
         "covariance": found.covariance,
         "sigma": found.sigma["position"],
-        "rms": float(np.sqrt((size**2).mean())),
-        "mean": float(size.mean()),
-        "max": float(size.max()),
+        "rms": float(np.sqrt(own.square / len(q))),
+        "mean": own.length / len(q),
+        "max": own.longest,
     }
 
 

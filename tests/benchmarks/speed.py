@@ -18,6 +18,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -29,6 +30,7 @@ if __package__ in (None, ""):  # started as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from errormodel.kernel import compiled
+from identification.runtime.parallel import one_core
 from tests.benchmarks import five_axis, limits, ours, timing
 from tests.benchmarks.five_axis import Array
 from tests.benchmarks.rivals import RIVALS, competent_numpy, stacked_numpy
@@ -104,12 +106,8 @@ def race(contenders: list[Contender], inputs: tuple[Array, ...], repeats: int, m
 def build(n: int, repeats: int, others: list[Contender], memory: bool, clock: str) -> list[Row]:
     """M at `n` poses."""
     own = [
-        *(
-            [Contender("ours, M streamed as fits take it, compiled", ours, "stream_compiled")]
-            if compiled(sys.maxsize)
-            else []
-        ),
-        Contender("ours, M streamed as fits take it", ours, "stream_numpy"),
+        *([Contender("ours, M streamed, compiled", ours, "stream_compiled")] if compiled(sys.maxsize) else []),
+        Contender("ours, M streamed", ours, "stream"),
         Contender("ours, M without repetitions", ours, "build_compact"),
         Contender("ours, dense M", ours, "build"),
     ]
@@ -186,15 +184,23 @@ def main() -> None:
     parser.add_argument("--rivals", default=",".join(RIVALS), help=f"of {','.join(RIVALS)}")
     parser.add_argument("--parts", default="build,fit,accuracy,limits", help="of build,fit,accuracy,limits")
     parser.add_argument("--clock", choices=CLOCKS, default="wall", help="cpu: user and system seconds of all threads")
+    parser.add_argument("--one-core", action="store_true", help="ours and BLAS in one thread")
     parser.add_argument("--no-memory", action="store_true", help="skip the separate runs that take the peak memory")
     parser.add_argument("--json", type=Path, help="write all figures there")
     options = parser.parse_args()
+    with one_core() if options.one_core else nullcontext():
+        run(parser, options)
+
+
+def run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """What the options ask for."""
     names, parts = [n for n in options.rivals.split(",") if n], options.parts.split(",")
     if unknown := sorted({*names} - {*RIVALS}):
         parser.error(f"no rival {', '.join(unknown)}; there are {', '.join(RIVALS)}")
 
     system = {"python": platform.python_version(), "numpy": np.__version__, "cores": os.cpu_count()}
-    system |= {"machine": platform.machine(), "threads": os.environ.get("OMP_NUM_THREADS", "as the libraries choose")}
+    threads = "one" if options.one_core else os.environ.get("OMP_NUM_THREADS", "as the libraries choose")
+    system |= {"machine": platform.machine(), "threads": threads}
     print(", ".join(f"{key} {value}" for key, value in system.items()))
     report: dict[str, Any] = {"system": system, "build": {}, "fit": {}, "accuracy": []}
     others = list(rivals(names)) if "build" in parts else []
@@ -217,8 +223,11 @@ def main() -> None:
     if "limits" in parts:
         report["limits"] = limits.measured()
         limits.show(report["limits"])
-        report["parts"] = limits.parts(report["limits"])
-        limits.show_parts(report["parts"])
+        report["parts"] = {"NumPy alone": limits.parts(report["limits"])}
+        if compiled(sys.maxsize):
+            report["parts"]["the compiled loops, one thread"] = limits.compiled_parts(report["limits"])
+        for how, took in report["parts"].items():
+            limits.show_parts(how, took)
     if options.json:
         options.json.write_text(json.dumps(report, indent=1), encoding="utf-8")
 
