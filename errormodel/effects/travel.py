@@ -115,10 +115,30 @@ def retracted_end(machine: Machine, joint: Joint, given: End | None) -> End:
     """End of travel at which a member is retracted; by default the end from which it moves towards the tool."""
     if given is not None:
         return given
+    return "high" if _ahead(machine, joint) < 0 else "low"
+
+
+def is_ram(machine: Machine, joint: Joint) -> bool:
+    """Whether a joint carries out the tool itself: it is the last, and the tool lies along its axis more than across.
+
+    What travels along a beam carries another joint, or holds the tool beside the beam.
+    """
+    if joint is not machine.joints[-1]:
+        return False
+    reach = [sum(v) for v in zip(*_arms(machine, joint), strict=True)]
+    along = _ahead(machine, joint)
+    return 2 * along**2 > sum(v**2 for v in reach)
+
+
+def _arms(machine: Machine, joint: Joint) -> list[Vector]:
+    """Offsets from a joint to the tool, mm, with all joints at zero."""
     later = machine.elements[machine.elements.index(joint) + 1 :]
-    arms = [*(e.offset for e in later if not isinstance(e, Joint)), machine.tool]
-    ahead = sum(a * v for arm in arms for a, v in zip(joint.axis, arm, strict=True))
-    return "high" if ahead < 0 else "low"
+    return [*(e.offset for e in later if not isinstance(e, Joint)), machine.tool]
+
+
+def _ahead(machine: Machine, joint: Joint) -> float:
+    """Distance of the tool from a joint along the joint's axis, mm."""
+    return sum(a * v for arm in _arms(machine, joint) for a, v in zip(joint.axis, arm, strict=True))
 
 
 def crossing(scene: Scene) -> Iterator[tuple[Joint, Joint]]:

@@ -200,7 +200,7 @@ def position_sigma(views: Sequence[View], solution: Solution) -> float:
 
 
 def _mean_precision(whiteners: Array) -> Array:
-    """Of rows with a covariance (n,), from the factors L (n, 3, 3): trace(L'L) over how many components were measured."""
+    """Of rows with a covariance, (n,), from factors L (n, 3, 3): trace(L'L) over how many components were measured."""
     squares = np.square(whiteners).sum(axis=2)
     return np.asarray(squares.sum(axis=1) / np.maximum(np.count_nonzero(squares, axis=1), 1))
 
