@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from errormodel.effects import registry
+from errormodel.effects import make, registry
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.travel import is_ram
+from errormodel.exceptions import InputError
+from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 
 
@@ -33,3 +35,18 @@ def test_a_ram_is_no_beam() -> None:
     sags = {e.where for e in registry()["beam-sag"].proposals(here)}
     assert sags == {"X", "Y", "Z"}
     assert "W" in {e.where for e in registry()["ram-sag"].proposals(here)}
+
+
+@pytest.mark.parametrize(("name", "told_apart"), [("six_axis_arm", True), ("vertical_three_axis", False)])
+def test_a_target_is_exchanged_where_a_turn_tells_it_from_a_shift_of_the_station(name: str, told_apart: bool) -> None:
+    machine = read_machine(name)
+    rng = np.random.default_rng(0)
+    columns = {j.name: rng.uniform(*j.travel, 40) for j in machine.joints}
+    columns |= {"time": 60.0 * np.arange(40.0), "run(2)": np.repeat([0.0, 1.0], 20)}
+    drivers = {e.drivers for e in registry()["target-offset"].proposals(Scene(machine, columns))}
+    assert drivers == ({(), ("run(2)",), ("time",)} if told_apart else {()})
+
+
+def test_a_target_offset_is_of_a_tool_a_time_or_a_run() -> None:
+    with pytest.raises(InputError, match="one of a tool"):
+        make(EffectSpec("target-offset", {"at": 60.0, "run": "2"}))
