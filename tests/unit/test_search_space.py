@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from errormodel.chain import TOOL_CHANNELS
 from errormodel.effects import make, registry
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.travel import is_ram
@@ -50,3 +51,20 @@ def test_a_target_is_exchanged_where_a_turn_tells_it_from_a_shift_of_the_station
 def test_a_target_offset_is_of_a_tool_a_time_or_a_run() -> None:
     with pytest.raises(InputError, match="one of a tool"):
         make(EffectSpec("target-offset", {"at": 60.0, "run": "2"}))
+
+
+def test_a_load_sags_an_arm_by_its_lever() -> None:
+    """The lever of the load is that of the compliance: with the arm stretched out to the side, the reach."""
+    machine = read_machine("six_axis_arm")
+    channels = {j.name: np.zeros(1) for j in machine.joints} | {"load": np.array([5.0])}
+    channels |= {name: np.array([v]) for name, v in zip(TOOL_CHANNELS, machine.tool, strict=True)}
+    sag, gear = (
+        make(EffectSpec(word, {"joint": "J2", "gravity": "-z", **more}))
+        for word, more in (("payload-sag", {}), ("joint-compliance", {"payload": True}))
+    )
+    (term,) = sag.terms(channels.__getitem__, machine)
+    of_load = next(t for t in gear.terms(channels.__getitem__, machine) if t.label == "payload")
+    assert term.motion.keys() == of_load.motion.keys()
+    for motion, value in term.motion.items():
+        np.testing.assert_array_equal(value, of_load.motion[motion])
+        assert 5 * 500 < abs(float(np.squeeze(value))) < 5 * 1500  # kg mm: the arm reaches about a metre
