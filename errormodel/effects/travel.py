@@ -118,16 +118,20 @@ def retracted_end(machine: Machine, joint: Joint, given: End | None) -> End:
     return "high" if _ahead(machine, joint) < 0 else "low"
 
 
-def is_ram(machine: Machine, joint: Joint) -> bool:
-    """Whether a joint carries out the tool itself: it is the last, and the tool lies along its axis more than across.
+def member_of(machine: Machine, joint: Joint) -> Literal["ram", "slide", ""]:
+    """What a prismatic joint moves: a ram, or a slide; "" where the machine's file does not tell.
 
-    What travels along a beam carries another joint, or holds the tool beside the beam.
+    A ram carries the tool out along its own axis. A slide carries a further axis, or the tool beside it, along a beam
+    or a column.
     """
-    if joint is not machine.joints[-1]:
-        return False
+    later = machine.joints[machine.joints.index(joint) + 1 :]
+    if any(j.type == "prismatic" and not parallel(j.axis, joint.axis) for j in later):
+        return "slide"
     reach = [sum(v) for v in zip(*_arms(machine, joint), strict=True)]
-    along = _ahead(machine, joint)
-    return 2 * along**2 > sum(v**2 for v in reach)
+    along, whole = _ahead(machine, joint) ** 2, sum(v**2 for v in reach)
+    if len(machine.joints) == 1 or not whole:
+        return ""
+    return "ram" if 2 * along > whole else "slide"
 
 
 def _arms(machine: Machine, joint: Joint) -> list[Vector]:

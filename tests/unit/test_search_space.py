@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from errormodel.chain import TOOL_CHANNELS
 from errormodel.effects import make, registry
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.travel import is_ram
+from errormodel.effects.travel import member_of
 from errormodel.exceptions import InputError
-from errormodel.machine import EffectSpec
+from errormodel.machine import EffectSpec, Shape, joint_of
 from errormodel.machine_file import read_machine
 
 
@@ -20,22 +22,25 @@ from errormodel.machine_file import read_machine
         ("five_axis_table_quill", ["W"]),
         ("gantry_crossbeam_ram", ["Z"]),
         ("bridge_cmm", ["Z"]),
+        ("fork_head_five_axis", ["Z"]),  # a head turns at its end
         ("h_gantry_dual_drive", []),  # its sensor hangs beside the beam
         ("vertical_three_axis", []),  # its tool stands out across the column's travel
-        ("fork_head_five_axis", []),  # a fork is between the ram and the tool
     ],
 )
-def test_a_ram_carries_out_the_tool(name: str, rams: list[str]) -> None:
+def test_a_ram_carries_out_the_tool_and_a_slide_travels_along_a_beam(name: str, rams: list[str]) -> None:
     machine = read_machine(name)
-    assert [j.name for j in machine.joints if j.type == "prismatic" and is_ram(machine, j)] == rams
-
-
-def test_a_ram_is_no_beam() -> None:
-    machine = read_machine("five_axis_table_quill")
     here = Scene(machine, {j.name: np.linspace(*j.travel, 9) for j in machine.joints})
-    sags = {e.where for e in registry()["beam-sag"].proposals(here)}
-    assert sags == {"X", "Y", "Z"}
-    assert "W" in {e.where for e in registry()["ram-sag"].proposals(here)}
+    names = [j.name for j in machine.joints if j.type == "prismatic"]
+    assert [n for n in names if member_of(machine, joint_of(machine, n)) == "ram"] == rams
+    for word, places in (("ram-sag", rams), ("beam-sag", [n for n in names if n not in rams])):
+        assert list(dict.fromkeys(e.where for e in registry()[word].proposals(here))) == places
+
+
+def test_without_lengths_a_member_may_be_a_ram_or_a_slide() -> None:
+    machine = read_machine("five_axis_table_quill")
+    bare = tuple(replace(e, offset=(0.0, 0.0, 0.0)) if isinstance(e, Shape) else e for e in machine.elements)
+    machine = replace(machine, elements=bare, tool=(0.0, 0.0, 0.0))
+    assert [member_of(machine, joint_of(machine, n)) for n in ("X", "W")] == ["slide", ""]
 
 
 @pytest.mark.parametrize(("name", "told_apart"), [("six_axis_arm", True), ("vertical_three_axis", False)])
