@@ -15,7 +15,7 @@ from errormodel.effects.base import Channels, Effect, EffectTerm, ShapeParameter
 from errormodel.effects.ops import fmax
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import across, bending, joint_as
-from errormodel.effects.travel import Translation, fraction, length, sag_direction, tilt_of, turn
+from errormodel.effects.travel import Translation, fraction, length, member_of, sag_direction, tilt_of, turn
 from errormodel.machine import Machine
 
 
@@ -61,5 +61,7 @@ class BeamSag(Effect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for beam in scene.prismatic:
+            if member_of(scene.machine, beam) == "ram":
+                continue
             for motion, exponent in product(across(beam, "d"), (1.2, 2.0, 3.0)):
                 yield cls.model_validate({"joint": beam.name, "motion": motion, "exponent": exponent})

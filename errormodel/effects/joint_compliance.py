@@ -7,17 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from math import hypot
-from typing import ClassVar, Literal
+from typing import ClassVar
 
-from errormodel.conventions import TRANSLATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
-from errormodel.effects.kinematics import Place, Triple, apply, places
-from errormodel.effects.ops import Value
+from errormodel.effects.kinematics import Gravity, apply, lever, places
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import joint_as
 from errormodel.machine import Machine, Shape
-
-Gravity = Literal["x", "-x", "y", "-y", "z", "-z"]
 
 
 class JointCompliance(JointEffect):
@@ -46,13 +42,13 @@ class JointCompliance(JointEffect):
         joint = joint_as(machine, self.joint, "rotary", self.effect)
         number, frames = machine.elements.index(joint), places(machine, channel)
         axis = apply(frames[number].turn, joint.axis)
-        tip = self._lever(axis, frames[number], frames[-1])
+        tip = lever(axis, frames[number], frames[-1], self.gravity)
         out, levers = [EffectTerm(self.joint, "tool", "rad/mm", along(joint, tip), 1e-6, low=0.0)], [tip]
         for k, member in enumerate(machine.elements[number + 1 : -1], start=number + 2):
             if isinstance(member, Shape) and any(member.offset):
-                lever = self._lever(axis, frames[number], frames[k])
-                out.append(EffectTerm(self.joint, member.name, "rad/mm", along(joint, lever), 1e-6, low=0.0))
-                levers.append(lever)
+                arm = lever(axis, frames[number], frames[k], self.gravity)
+                out.append(EffectTerm(self.joint, member.name, "rad/mm", along(joint, arm), 1e-6, low=0.0))
+                levers.append(arm)
         behind = [e for e in machine.elements[number + 1 :] if isinstance(e, Shape)]
         reach = sum(hypot(*e.offset) for e in behind) + hypot(*machine.tool) or 1.0
         mean = sum(levers) / len(levers)
@@ -62,14 +58,6 @@ class JointCompliance(JointEffect):
                 EffectTerm(self.joint, "payload", "rad/(kg mm)", along(joint, tip * channel("load")), 3e-8, low=0.0)
             )
         return out
-
-    def _lever(self, axis: Triple, joint: Place, weight: Place) -> Value:
-        """Lever (mm) of a unit weight about the axis: ``axis . (arm x down)``, the arm from the joint to the weight."""
-        k = TRANSLATIONS.index(f"d{self.gravity[-1]}")
-        i, j = (k + 1) % 3, (k + 2) % 3
-        arm = [w - o for w, o in zip(weight.origin, joint.origin, strict=True)]
-        sign = -1.0 if self.gravity[0] == "-" else 1.0
-        return sign * (axis[i] * arm[j] - axis[j] * arm[i])
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

@@ -6,11 +6,14 @@ Origins in mm and axes in the frame of the reference; joint positions in mm and 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
+from errormodel.conventions import TRANSLATIONS
 from errormodel.effects.base import Channels
 from errormodel.effects.ops import Value, cos, sin
 from errormodel.machine import Joint, Machine, Vector
 
+Gravity = Literal["x", "-x", "y", "-y", "z", "-z"]  # its direction in the reference's axes
 Triple = tuple[Value, Value, Value]
 Turn = tuple[Triple, Triple, Triple]  # columns
 IDENTITY: Turn = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))  # identity rotation
@@ -43,6 +46,15 @@ def places(machine: Machine, channel: Channels) -> list[Place]:
     tool: Triple = (channel("tool_x"), channel("tool_y"), channel("tool_z"))
     out.append(Place(add(point, apply(turn, tool)), turn))
     return out
+
+
+def lever(axis: Triple, joint: Place, weight: Place, gravity: Gravity) -> Value:
+    """Lever (mm) of a unit weight about an axis: ``axis . (arm x down)``, the arm from the joint to the weight."""
+    k = TRANSLATIONS.index(f"d{gravity[-1]}")
+    i, j = (k + 1) % 3, (k + 2) % 3
+    arm = [w - o for w, o in zip(weight.origin, joint.origin, strict=True)]
+    sign = -1.0 if gravity[0] == "-" else 1.0
+    return sign * (axis[i] * arm[j] - axis[j] * arm[i])
 
 
 def add(a: Triple, b: Triple) -> Triple:

@@ -1,6 +1,6 @@
 """Payload sag: deflection or tilt proportional to the payload, varying along a joint's travel.
 
-Units: mm/kg and rad/kg, times the column ``load`` in kg.
+Units: mm/kg and rad/kg, times the column ``load`` in kg; of a lever rad/(kg mm).
 """
 
 from __future__ import annotations
@@ -12,9 +12,11 @@ from typing import Annotated, ClassVar
 from pydantic import Field
 
 from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
-from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
+from errormodel.effects.kinematics import Gravity, apply, lever, places
 from errormodel.effects.ops import cos, sin
 from errormodel.effects.search_space.survey_summary import Scene
+from errormodel.effects.shared import joint_as
 from errormodel.effects.travel import legendre, sag_direction, scaled
 from errormodel.machine import Machine, joint_of
 
@@ -22,7 +24,8 @@ from errormodel.machine import Machine, joint_of
 class PayloadSag(JointEffect):
     """`motion` per kg of the column ``load`` (mm/kg, rad/kg), in Legendre polynomials of the travel up to `degree`.
 
-    For a rotary joint: a constant, and unless `degree` is 0 the sine and cosine of its angle.
+    For a rotary joint: a constant, and unless `degree` is 0 the sine and cosine of its angle. With `gravity` it twists
+    about its own axis by the load's lever there (rad per kg and mm), as the pose of all joints makes it.
     """
 
     effect: ClassVar[str] = "payload-sag"
@@ -34,6 +37,7 @@ class PayloadSag(JointEffect):
 
     motion: Motion | None = None  # None: dz, or dy for a joint along z
     degree: Annotated[int, Field(ge=0, le=2)] = 2
+    gravity: Gravity | None = None  # direction of gravity in the reference's axes
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -41,6 +45,11 @@ class PayloadSag(JointEffect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint, q, load = joint_of(machine, self.joint), channel(self.joint), channel("load")
+        if self.gravity is not None:
+            turning = joint_as(machine, self.joint, "rotary", self.effect)
+            number, frames = machine.elements.index(turning), places(machine, channel)
+            arm = lever(apply(frames[number].turn, turning.axis), frames[number], frames[-1], self.gravity)
+            return [EffectTerm(self.joint, "lever", "rad/(kg mm)", along(turning, load * arm), 3e-8, low=0.0)]
         motion = self.motion or sag_direction(joint, None)
         if joint.type == "prismatic":
             bends = {str(n): legendre(n, scaled(joint, q)) for n in range(1, self.degree + 1)}
@@ -56,3 +65,5 @@ class PayloadSag(JointEffect):
             # degree 0: the same deflection everywhere; degree 2: it varies along the travel
             for joint, motion, degree in product(scene.moving, MOTIONS, (0, 2)):
                 yield cls(joint=joint.name, motion=motion, degree=degree)
+            for joint, gravity in product(scene.rotary, ("-x", "-y", "-z")):
+                yield cls.model_validate({"joint": joint.name, "gravity": gravity})

@@ -20,6 +20,7 @@ from errormodel.effects.travel import (
     Translation,
     extension,
     length,
+    member_of,
     retracted_end,
     sag_direction,
     tilt_of,
@@ -66,5 +67,7 @@ class RamSag(JointEffect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for ram in scene.prismatic:
+            if member_of(scene.machine, ram) == "slide":
+                continue
             for motion, end, exponent in product(across(ram, "d"), TRAVEL_ENDS, (2.0, 3.0, 4.0)):
                 yield cls.model_validate({"joint": ram.name, "motion": motion, "retracted": end, "exponent": exponent})

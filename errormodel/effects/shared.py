@@ -28,6 +28,8 @@ Rotation = Literal["ea", "eb", "ec"]
 REFERENCE_TEMPERATURE = 20.0  # degC, ISO 1
 STEEL_EXPANSION = 12e-6  # coefficient of linear expansion of steel, 1/K
 MOST_FREQUENCIES = 4000  # most frequencies of one grid: more exceed time and memory
+SHIFT_MOMENTS = 40  # candidate times of a change that are evenly spaced among the rows; by judgement
+LONGEST_BREAKS = 10  # candidate times in the longest pauses between rows, where runs are separated; by judgement
 POSITIONS_PER_PERIOD = 3  # fewest positions per period from which its size and phase can be estimated
 
 
@@ -93,6 +95,22 @@ def bending(joint: Joint, motion: Motion, deflection: Value, slope: Value) -> di
     side = np.array([float(m == motion) for m in TRANSLATIONS])
     turn = np.cross(joint.axis, side)
     return {motion: deflection} | {name: slope * float(a) for name, a in zip(ROTATIONS, turn, strict=True) if a}
+
+
+def since(channel: Channels, at: float) -> Value:
+    """1 from the time `at` (s) on, 0 before, within one second."""
+    return fmin(fmax(channel("time") - at + 0.5, 0), 1)
+
+
+def moments(scene: Scene) -> Iterator[float]:
+    """Candidate times of a sudden change, s: between two rows; none without a clock."""
+    if not scene.duration:
+        return
+    time = np.unique(scene.columns["time"])
+    gaps = np.diff(time)
+    spread = np.linspace(0, len(gaps) - 1, SHIFT_MOMENTS + 2)[1:-1].astype(int)
+    for k in np.union1d(spread, np.argsort(gaps)[-LONGEST_BREAKS:]):
+        yield round(float(time[k] + time[k + 1]) / 2, 3)
 
 
 def lags(scene: Scene) -> list[float]:

@@ -8,17 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Annotated, ClassVar, Self
 
-import numpy as np
 from pydantic import model_validator
 
 from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS, unit_of
 from errormodel.effects.base import PLACE, Channels, Effect, EffectTerm
-from errormodel.effects.ops import fmax, fmin
 from errormodel.effects.search_space.survey_summary import Scene
+from errormodel.effects.shared import moments, since
 from errormodel.machine import Machine
-
-SHIFT_MOMENTS = 40  # candidate times that are evenly spaced among the rows; by judgement
-LONGEST_BREAKS = 10  # candidate times in the longest pauses between rows, where runs are separated; by judgement
 
 
 class StationShift(Effect):
@@ -53,18 +49,12 @@ class StationShift(Effect):
         return ("time",) if self.run is None else (f"run({self.run})",)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        after = fmin(fmax(channel("time") - self.at + 0.5, 0), 1) if self.run is None else channel(f"run({self.run})")
+        after = since(channel, self.at) if self.at is not None else channel(f"run({self.run})")
         sizes = {m: 0.02 if m in TRANSLATIONS else 2e-5 for m in (MOTIONS if self.turned else TRANSLATIONS)}
         return [EffectTerm(FRAME, "", unit_of(m), {m: after}, size) for m, size in sizes.items()]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         yield from (cls(run=name[4:-1], turned=turned) for name in scene.runs for turned in (True, False))
-        if not scene.duration:
-            return
-        time = np.unique(scene.columns["time"])
-        gaps = np.diff(time)
-        spread = np.linspace(0, len(gaps) - 1, SHIFT_MOMENTS + 2)[1:-1].astype(int)
-        for k in np.union1d(spread, np.argsort(gaps)[-LONGEST_BREAKS:]):
-            at = round(float(time[k] + time[k + 1]) / 2, 3)
+        for at in moments(scene):
             yield from (cls(at=at, turned=turned) for turned in (True, False))

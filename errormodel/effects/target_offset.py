@@ -1,16 +1,18 @@
-"""Target offset: constant error of one tool's target position in the last frame of the chain, mm."""
+"""Target offset: constant error of a target's position in the last frame of the chain, mm; or a target exchanged."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import ClassVar
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
+from pydantic import model_validator
 
 from errormodel.conventions import TOOL, TRANSLATIONS
-from errormodel.effects.base import Channels, Effect, EffectTerm
-from errormodel.effects.ops import absolute, fmax, fmin
+from errormodel.effects.base import PLACE, Channels, Effect, EffectTerm
+from errormodel.effects.ops import Value, absolute, fmax, fmin
 from errormodel.effects.search_space.survey_summary import Scene
+from errormodel.effects.shared import moments, since
 from errormodel.machine import Machine, Vector
 
 TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")  # columns of the functional point, as in `errormodel.surveys.columns`
@@ -19,16 +21,29 @@ MOST_TOOLS = 12  # most different tools; more are positions of a probe and not a
 
 
 class TargetOffset(Effect):
-    """Constant shift (mm) of the functional point in the last frame, in the rows of one `tool` or in all rows."""
+    """Constant shift (mm) of the functional point in the last frame, in the rows of one `tool` or in all rows.
+
+    Of a target that was put on anew, or another one, in the rows from the time `at` on, or of one `run`.
+    """
 
     effect: ClassVar[str] = "target-offset"
     family: ClassVar[str] = "instrument"
     source: ClassVar[str] = "seats of reflectors, lengths of tools as measured: 2 to 50 um"
-    alike: ClassVar[tuple[str, ...]] = ("spindle-growth", "payload-sag")
+    alike: ClassVar[tuple[str, ...]] = ("spindle-growth", "payload-sag", "station-shift")
     separate: ClassVar[str] = "the same positions with all targets, and a target taken off and put on again"
     example: ClassVar[Mapping[str, object]] = {"tool": [40.0, 25.0, -180.0]}
 
     tool: Vector | None = None  # mm
+    at: Annotated[float | None, PLACE] = None  # s
+    run: str | None = None
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Self:
+        if sum(v is not None for v in (self.tool, self.at, self.run)) > 1:
+            raise ValueError(
+                "a target offset has one of a tool, tool: [0, 0, -120], a time, at: 1800, or a run, run: 2"
+            )
+        return self
 
     @property
     def where(self) -> str:
@@ -36,11 +51,17 @@ class TargetOffset(Effect):
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return TOOL_COLUMNS if self.tool else ()
+        if self.at is not None:
+            return ("time",)
+        return (f"run({self.run})",) if self.run is not None else TOOL_COLUMNS if self.tool else ()
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        here = 1.0
-        if self.tool is not None:
+        here: Value = 1.0
+        if self.at is not None:
+            here = since(channel, self.at)
+        elif self.run is not None:
+            here = channel(f"run({self.run})")
+        elif self.tool is not None:
             apart = sum(absolute(channel(c) - v) for c, v in zip(TOOL_COLUMNS, self.tool, strict=True))
             here = fmin(fmax(2 - apart / SAME_TOOL_MM, 0), 1)
         return [EffectTerm(TOOL, "", "mm", {motion: here}, 0.02) for motion in TRANSLATIONS]
@@ -54,3 +75,6 @@ class TargetOffset(Effect):
             if len(tools) <= MOST_TOOLS:
                 for tool in tools.tolist():
                     yield cls(tool=tuple(tool))
+        if scene.rotary:  # without a turn it is a shift of the station
+            yield from (cls(run=name[4:-1]) for name in scene.runs)
+            yield from (cls(at=at) for at in moments(scene))

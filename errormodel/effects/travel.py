@@ -115,10 +115,34 @@ def retracted_end(machine: Machine, joint: Joint, given: End | None) -> End:
     """End of travel at which a member is retracted; by default the end from which it moves towards the tool."""
     if given is not None:
         return given
+    return "high" if _ahead(machine, joint) < 0 else "low"
+
+
+def member_of(machine: Machine, joint: Joint) -> Literal["ram", "slide", ""]:
+    """What a prismatic joint moves: a ram, or a slide; "" where the machine's file does not tell.
+
+    A ram carries the tool out along its own axis. A slide carries a further axis, or the tool beside it, along a beam
+    or a column.
+    """
+    later = machine.joints[machine.joints.index(joint) + 1 :]
+    if any(j.type == "prismatic" and not parallel(j.axis, joint.axis) for j in later):
+        return "slide"
+    reach = [sum(v) for v in zip(*_arms(machine, joint), strict=True)]
+    along, whole = _ahead(machine, joint) ** 2, sum(v**2 for v in reach)
+    if len(machine.joints) == 1 or not whole:
+        return ""
+    return "ram" if 2 * along > whole else "slide"
+
+
+def _arms(machine: Machine, joint: Joint) -> list[Vector]:
+    """Offsets from a joint to the tool, mm, with all joints at zero."""
     later = machine.elements[machine.elements.index(joint) + 1 :]
-    arms = [*(e.offset for e in later if not isinstance(e, Joint)), machine.tool]
-    ahead = sum(a * v for arm in arms for a, v in zip(joint.axis, arm, strict=True))
-    return "high" if ahead < 0 else "low"
+    return [*(e.offset for e in later if not isinstance(e, Joint)), machine.tool]
+
+
+def _ahead(machine: Machine, joint: Joint) -> float:
+    """Distance of the tool from a joint along the joint's axis, mm."""
+    return sum(a * v for arm in _arms(machine, joint) for a, v in zip(joint.axis, arm, strict=True))
 
 
 def crossing(scene: Scene) -> Iterator[tuple[Joint, Joint]]:

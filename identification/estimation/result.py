@@ -195,9 +195,14 @@ def position_sigma(views: Sequence[View], solution: Solution) -> float:
         return float("nan")
     if "position" not in solution.declared:
         return solution.sigma["position"]
-    # rows with a covariance: mean precision trace(L'L)/3 of the measured components
-    precision = np.concatenate([np.square(w) if w.ndim == 1 else np.square(w).sum(axis=(1, 2)) / 3 for w in whiteners])
+    precision = np.concatenate([np.square(w) if w.ndim == 1 else _mean_precision(w) for w in whiteners])
     return float(np.sqrt(np.mean(1 / precision[precision > 0]) * max(solution.chi2 / max(solution.dof, 1), 0.0)))
+
+
+def _mean_precision(whiteners: Array) -> Array:
+    """Of rows with a covariance, (n,), from factors L (n, 3, 3): trace(L'L) over how many components were measured."""
+    squares = np.square(whiteners).sum(axis=2)
+    return np.asarray(squares.sum(axis=1) / np.maximum(np.count_nonzero(squares, axis=1), 1))
 
 
 def residuals_of(views: Sequence[View], unknowns: Mapping[str, int], values: Array, held: Array, rows: int) -> Array:

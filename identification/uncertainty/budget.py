@@ -350,10 +350,12 @@ def _form(fit: Fit) -> float:
         return 0.0
     count = sum(own.count for own in fit.solution.sums.values())
     used = len(fit.solution.groups.base)
-    noise = (1e-3 * fit.fitted.rms_um) ** 2 / 3 * count / max(count - used, 1)
+    # of a row's components some may not have been measured
+    share = fit.fitted.n / fit.solution.sums["position"].count if "position" in fit.solution.sums else 1 / 3
+    noise = (1e-3 * fit.fitted.rms_um) ** 2 * share * count / max(count - used, 1)
     # parameters estimated without a block are less certain than with all rows
     others = count * (1 - 1 / max(fit.folds, 2)) - used
-    left = (1e-3 * fit.heldout.rms_um) ** 2 / 3 - noise * (1 + used / max(others, 1))
+    left = (1e-3 * fit.heldout.rms_um) ** 2 * share - noise * (1 + used / max(others, 1))
     return sqrt(left) if left > FORM_ERROR_SIGMA * noise * sqrt(2 / max(count, 1)) else 0.0
 
 

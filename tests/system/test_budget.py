@@ -259,3 +259,22 @@ def test_wrong_lines_of_a_budget_are_told(tmp_path: Path, line: str, found: str,
     assert found in ended.err
     assert cure in ended.err
     assert "line 4" in ended.err
+
+
+def test_the_form_of_the_model_is_the_same_by_rows_of_one_component():
+    """The same readings with each component in a row of its own: an interferometer reads one direction at a time."""
+    table = positions(measured(MACHINE, np.zeros(len(_chain(MACHINE))), 80, 0, noise=2e-3))
+    table["my"] += np.where(table["X"] > table["X"].quantile(0.8), 0.05, 0.0)  # more than the model can follow
+    table = table.sort_values("X")
+    apart = table.loc[table.index.repeat(3)].reset_index(drop=True)
+    for k, name in enumerate(["mx", "my", "mz"]):
+        apart.loc[apart.index % 3 != k, name] = np.nan
+    whole, single = (_form_of(fit_machine(MACHINE, survey(t))) for t in (table, apart))
+    assert whole > 0.005
+    assert single == pytest.approx(whole, rel=1e-6)
+
+
+def _form_of(fit: Fit) -> float:
+    budget = Analysis(fit).budgets.prediction
+    assert isinstance(budget, Budget)
+    return next(i.std for i in budget.inputs if i.name.startswith("form of the model"))

@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def process(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "identification.command_line.main", *map(str, arguments)]
+    command = [sys.executable, "-m", "errormodel", *map(str, arguments)]
     env = os.environ | {"PYTHONPATH": str(ROOT)} | environment
     return subprocess.run(command, capture_output=True, text=True, errors="replace", env=env, check=False)
 

@@ -156,6 +156,15 @@ def test_uniform_sigmas_change_nothing_but_the_covariance() -> None:
     np.testing.assert_allclose(ratio, 5e-3 / plain.solution.sigma["position"], rtol=1e-9)
 
 
+def test_noise_of_a_coordinate_where_rows_have_only_one() -> None:
+    """An interferometer along a line: what was not measured does not count as a component of the mean precision."""
+    table = POINTS.copy()
+    table[XYZ] += np.random.default_rng(2).normal(0, 4e-3, (len(table), 3))
+    table.loc[::2, ["mx", "my"]] = np.nan
+    fit = estimation.fit_machine(MACHINE, survey(table.assign(sigma_x=4e-3, sigma_y=4e-3, sigma_z=4e-3)))
+    assert fit.sigma_mm == pytest.approx(4e-3 * np.sqrt(fit.solution.chi2 / fit.solution.dof), rel=1e-9)
+
+
 def test_orientation_noise_is_estimated_beside_that_of_positions() -> None:
     table = measured(MACHINE, P, 120, 3)
     rng = np.random.default_rng(2)

@@ -19,8 +19,7 @@ from errormodel.survey import Survey
 from identification.diagnosis.data_checks.blunder import listed
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
-
-CLEAR = 4.6  # log likelihood ratio, beyond the logarithm of how many were tried: odds of 100 to 1
+from identification.diagnosis.search.weight_of_evidence import DECISIVE
 
 
 def likelier_sides(
@@ -50,8 +49,8 @@ def likelier_sides(
         other[:, : len(linear.index)] *= np.where(turned, -1.0, 1.0)
         left = [beside.with_columns(c).square for c in (follows, other)]
         gain = beside.freedom / 2 * float(np.log(left[0] / left[1])) - float(np.log(len(tried)))
-        found = gain > CLEAR
-        log.add("first-approach", "found" if found else "passed", f"column {channel}", gain, CLEAR)
+        found = gain > DECISIVE
+        log.add("first-approach", "found" if found else "passed", f"column {channel}", gain, DECISIVE)
         if found:
             side = columns.get(channel, direction(survey.table, name))
             columns[channel] = np.where(rows, -side, side)
