@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from errormodel.survey import Survey
 
 FEWEST_TARGETS = 3  # of which a line leaves something
+LEAST_CURVATURE_MM = 1e-6  # of a fitted model: what is smaller is rounding, and terms of second order
 MODEL_TARGETS = 21  # of a fitted model: enough for curves that polynomials describe
 
 
@@ -90,8 +91,13 @@ class Geometry(Standard):
                 Curve(joint.name, joint, motion, q[:, k], both[:, :, TRANSLATIONS.index(motion)])
                 for motion in _across(axis)
             ]
+        flat = [c for c in curves if np.abs(straightened(c.q, c.values, LEAST_SQUARES)).max() < LEAST_CURVATURE_MM]
+        curves = [c for c in curves if c not in flat]
         squares = model.location_errors()
+        symbols = ", ".join(c.symbol for c in flat)
+        unknown = (f"the model has no term of straightness for {symbols}, and says nothing of it",) if flat else ()
         notes = (
+            *unknown,
             "straightness is that of the tip's path along the middle of the measured travels; angles need rows about "
             "error motions, or two tools, and are not given",
         )

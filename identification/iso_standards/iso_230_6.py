@@ -48,7 +48,7 @@ class Diagonal:
     length : mm, between its ends.
     axis : means (1 + draws, m) and standard deviations at the targets, from its start.
     reverses : whether something is known of the reversal.
-    repeatability : expanded uncertainty of R by the noise of a reading, mm; None where none is declared.
+    repeatability : expanded uncertainty of R and A by the noise of a reading, mm; None where none is declared.
     """
 
     name: str
@@ -214,7 +214,7 @@ def _evaluation(kind: Diagonals, source: str, found: list[Diagonal], basis: str,
                 values = np.atleast_1d(figures[symbol])
                 every.setdefault(symbol, []).append(values)
                 value, expanded = spread(values)
-                if symbol == "R":  # standard deviations have no draws
+                if symbol in ("R", "A"):  # standard deviations have no draws
                     expanded = d.repeatability
                 words = FIGURES[symbol]
                 quantities.append(Quantity(symbol, d.name, words, value, "mm", expanded, basis, length=d.length))
@@ -222,7 +222,7 @@ def _evaluation(kind: Diagonals, source: str, found: list[Diagonal], basis: str,
             shape = max(len(v) for v in parts)
             largest = np.max([np.broadcast_to(v, shape) for v in parts], axis=0)
             value, expanded = spread(largest)
-            if symbol == "R":
+            if symbol in ("R", "A"):
                 expanded = own[0].repeatability
             words = f"largest {FIGURES[symbol].replace('the diagonal', f'a {KINDS[n]} diagonal')}"
             quantities.append(Quantity(f"{symbol} {KINDS[n]}", "", words, value, "mm", expanded, basis))
