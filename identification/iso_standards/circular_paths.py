@@ -194,8 +194,8 @@ def _circle(q: Array) -> tuple[Array, float] | None:
 def senses(angle: Array, runs: Index) -> Array:
     """Sense (n,) in which each point of a path was reached: +1 counter-clockwise, -1 clockwise.
 
-    The first point of a run, and the second of two at one place (the end of one way and the start of the way back), have
-    the sense of the way that begins there.
+    The first point of a run, and the second of two at one place (the end of one way and the start of the way back),
+    have the sense of the way that begins there.
 
     Parameters
     ----------

@@ -91,11 +91,11 @@ class Geometry(Standard):
                 Curve(joint.name, joint, motion, q[:, k], both[:, :, TRANSLATIONS.index(motion)])
                 for motion in _across(axis)
             ]
-        flat = [c for c in curves if np.abs(straightened(c.q, c.values, LEAST_SQUARES)).max() < LEAST_CURVATURE_MM]
-        curves = [c for c in curves if c not in flat]
+        largest = [float(np.abs(straightened(c.q, c.values, LEAST_SQUARES)).max()) for c in curves]
+        flat = ", ".join(c.symbol for c, v in zip(curves, largest, strict=True) if v < LEAST_CURVATURE_MM)
+        unknown = (f"the model has no term of straightness for {flat}, and says nothing of it",) if flat else ()
+        curves = [c for c, v in zip(curves, largest, strict=True) if v >= LEAST_CURVATURE_MM]
         squares = model.location_errors()
-        symbols = ", ".join(c.symbol for c in flat)
-        unknown = (f"the model has no term of straightness for {symbols}, and says nothing of it",) if flat else ()
         notes = (
             *unknown,
             "straightness is that of the tip's path along the middle of the measured travels; angles need rows about "

@@ -33,6 +33,7 @@ class EvaluationResult:
     record : the block ``test:`` of the survey; None where it has none.
     inputs : digests (SHA-256) of the files that were read, by name.
     notes : what the evaluations remark, and what was left out.
+    survey_notes : those of them that are about the survey's rows: what was assumed, or left out.
     """
 
     def __init__(
@@ -49,6 +50,7 @@ class EvaluationResult:
         self.conformity = conformity
         self.record = record
         self.inputs = tuple(inputs)
+        self.survey_notes = tuple(notes)
         self.notes = (*notes, *(f"{e.number}: {note}" for e in self.evaluations for note in e.notes))
 
     @cached_property
