@@ -36,7 +36,7 @@ def sentence(j: Judgement) -> str:
 
 
 def limit_text(j: Judgement) -> str:
-    """The limit in the unit of its quantity, and as it was stated where that is in another one or grows with a length."""
+    """The limit in its quantity's unit, and as it was stated where that has another unit or grows with a length."""
     shown = amount(j.limit, j.quantity)
     same = unit_word(j.stated) == unit_word(shown)
     return shown if same else f"{shown} ({j.stated})"

@@ -121,7 +121,7 @@ def _budget(
     return [Sheet(f"uncertainty-{label}", caption, ["contribution", "from", "U"], rows)]
 
 
-class Test(NamedTuple):
+class Positions(NamedTuple):
     """Readings of the position of one joint: what `Series` and `Lengths` hold of it.
 
     Attributes
@@ -140,17 +140,17 @@ class Test(NamedTuple):
     beam: bool = False
 
 
-def _tests(survey: Survey, machine: Machine) -> Iterator[Test]:
+def _tests(survey: Survey, machine: Machine) -> Iterator[Positions]:
     """The positioning tests of a survey."""
     for s in series_of(survey, machine):
         if np.isfinite(s.along).sum() >= FEWEST_READINGS:
-            yield Test(s.label, s.unit, s.q, s.along, s.along_sigma, s.direction)
+            yield Positions(s.label, s.unit, s.q, s.along, s.along_sigma, s.direction)
     found = [lengths for lengths in lengths_of(survey, machine) if len(lengths.moving) == 1]
     names = [machine.joints[lengths.moving[0]].name for lengths in found]
     for lengths, name in zip(found, names, strict=True):
         label = name if names.count(name) == 1 else f"{name} ({lengths.label})"
         q = lengths.q[:, lengths.moving[0]]
-        yield Test(label, "mm", q, lengths.deviation, lengths.sigma, lengths.direction, beam=True)
+        yield Positions(label, "mm", q, lengths.deviation, lengths.sigma, lengths.direction, beam=True)
 
 
 class Positioning(Standard):
@@ -191,7 +191,7 @@ class Positioning(Standard):
                 )
                 for name, v in axis.figures().items()
             ]
-            parts.append((series.label, series.unit, axis, quantities, tuple(_remarks(series, axis))))
+            parts.append((series.label, series.unit, axis, quantities, tuple(remarks(series, axis))))
             if series.unit == "mm":
                 budgets += _budget(series.label, travel, own, noise, warm)
         notes = (BEAM_NOTE,) if any(t.beam for t in found) else ()
@@ -240,7 +240,8 @@ def _basis(name: str, known: dict[str, float], unit: str) -> str:
     return "neither instrument nor test.uncertainty.device is stated"
 
 
-def _remarks(series: Test, axis: Axis) -> list[str]:
+def remarks(series: Positions, axis: Axis) -> list[str]:
+    """What the test lacks of what the standard has, in sentences."""
     out = []
     name = series.label
     travel = float(np.ptp(axis.targets))
