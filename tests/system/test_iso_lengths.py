@@ -13,6 +13,7 @@ from errormodel import read_machine
 from errormodel.exceptions import InputError
 from errormodel.observations.base import Observation
 from identification import fit, iso
+from identification.iso_standards.base import Quantity
 from tests.helpers.lengths import entry, survey
 
 MILL = "vertical_three_axis"
@@ -62,10 +63,10 @@ def recorded(backwards: bool = False) -> tuple[pd.DataFrame, dict[str, dict[str,
     return pd.DataFrame(rows), found
 
 
-def evaluated(standard: str, table: pd.DataFrame, of: Observation) -> dict[str, float]:
+def evaluated(standard: str, table: pd.DataFrame, of: Observation) -> dict[str, Quantity]:
     result = iso(standard, MILL, replace(survey(MACHINE, table, {"beam": of}), source=Path("s")))
     assert any("beam is held to lie along it" in note for note in result.notes)
-    return {q.name: q.value for q in result.evaluations[0].quantities}
+    return {q.name: q for q in result.evaluations[0].quantities}
 
 
 @pytest.mark.parametrize("backwards", [False, True])
@@ -75,17 +76,20 @@ def test_a_beam_along_diagonals_gives_the_figures_of_the_standard(backwards: boo
     found = evaluated("230-6", table.drop(columns=["from_X", "from_Y", "from_Z"]), of)
     for name in ("+X+Y+Z", "-X+Y+Z", "+X+Y"):
         for symbol, value in expected[name].items():
-            assert found[f"{name}.{symbol}"] == pytest.approx(value, abs=1e-9), f"{name}.{symbol}"
-    assert found["E body"] == pytest.approx(max(expected[n]["E"] for n in ("+X+Y+Z", "-X+Y+Z")), abs=1e-9)
+            assert found[f"{name}.{symbol}"].value == pytest.approx(value, abs=1e-9), f"{name}.{symbol}"
+        # standard deviations are in A as they are in R: (4 + 2 / n) times the square of U of a reading
+        known = [found[f"{name}.{symbol}"].expanded for symbol in "AR"]
+        assert known == pytest.approx([np.sqrt(4 + 2 / RUNS) * 2 * 4e-4] * 2)
+    assert found["E body"].value == pytest.approx(max(expected[n]["E"] for n in ("+X+Y+Z", "-X+Y+Z")), abs=1e-9)
 
 
 def test_distances_from_the_first_target_do_too() -> None:
     table, expected = recorded()
     found = evaluated("230-6", table, entry(type="pose-distance", offset="unknown", sigma=4e-4))
-    assert found["+X+Y+Z.R"] == pytest.approx(expected["+X+Y+Z"]["R"], abs=1e-9)
+    assert found["+X+Y+Z.R"].value == pytest.approx(expected["+X+Y+Z"]["R"], abs=1e-9)
     found = evaluated("230-2", table, entry(type="pose-distance", offset="unknown", sigma=4e-4))
     for symbol, value in expected["X"].items():
-        assert found[f"X.{symbol}"] == pytest.approx(value, abs=1e-9), symbol
+        assert found[f"X.{symbol}"].value == pytest.approx(value, abs=1e-9), symbol
 
 
 def test_a_beam_that_lies_across_is_no_displacement() -> None:
