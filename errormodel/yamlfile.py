@@ -355,6 +355,8 @@ def _owners(model: type[BaseModel], loc: Keys) -> tuple[list[type[BaseModel]], F
         if found:
             field = found[0]
             models = _models(field.annotation) or models
+        else:  # the word that a union is told apart by
+            models = [m for m in models if any(part in get_args(f.annotation) for f in _fields(m).values())] or models
     return models, field
 
 

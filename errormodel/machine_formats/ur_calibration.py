@@ -150,7 +150,7 @@ def _notes(machine: Machine, end: Array, extras: Extras) -> list[str]:
 
     point = end @ np.array([*machine.tool, 1.0])
     turned = Rotation.from_matrix(end[:3, :3]).as_rotvec()
-    tcp = ", ".join(f"{v:.7f}" for v in (*(point[:3] / MM_PER_M), *turned))
+    tcp = ", ".join(f"{round(float(v), 7) + 0.0:.7f}" for v in (*(point[:3] / MM_PER_M), *turned))
     across = 1e3 * math.hypot(end[0, 3], end[1, 3])
     tilt = 1e6 * math.acos(max(-1.0, min(1.0, end[2, 2])))
     notes = [

@@ -33,7 +33,8 @@ from errormodel.raw_formats.base import RawFile
 TYPES = {"revolute": "rotary", "continuous": "rotary", "prismatic": "prismatic"}
 AXIS_TOLERANCE = 0.01  # of the length of an axis, beyond which its digits are no rounding; by judgement
 MOST_JOINTS = 150  # that move in one chain, as in a machine file
-LARGEST_ANGLE = 4 * math.pi  # rad, of an origin: degrees, most likely, beyond
+LARGEST_ANGLE = 4 * math.pi  # rad, of an origin or a limit: degrees, most likely, beyond
+LONGEST_MEMBER_M = 20.0  # of a robot's member; by judgement: longer is in mm
 ORIGIN_KEYS = ("xyz", "rpy")
 SAME_AXIS, SAME_PLACE = 1e-9, 1e-6  # of the same machine, through its file: rounding
 ROUNDED_AXIS = 1e-6  # of the length of an axis: a difference that is worth a note
@@ -64,6 +65,9 @@ class Urdf(MachineFormat):
         moving = [_attribute(raw.name, j, "name") for j in path if j.attributes.get("type") != "fixed"]
         if not moving:
             raise InputError(raw.name, f"no joint that moves from '{base}' on", "Give another --base and --tip")
+        twice = next((n for k, n in enumerate(moving) if n in moving[:k]), None)
+        if twice is not None:
+            raise InputError(raw.name, f"two joints of the chain are called '{twice}'", "Give each a name of its own")
         names = identifiers(moving)
         links = _members(raw.name, path, base)
         members = identifiers(links, [*names.values(), TOOL])
@@ -74,10 +78,12 @@ class Urdf(MachineFormat):
             fixed = fixed @ _origin(raw.name, joint)
             if joint.attributes["type"] == "fixed":
                 continue
+            _check_size(links[member], fixed, notes)
             if elements or not np.array_equal(fixed, np.eye(4)):  # before the first joint a member may be missing
                 elements.append(shape_of(members[links[member]], fixed))
             elements.append(_joint(raw.name, joint, names, notes))
             fixed, member = np.eye(4), member + 1
+        _check_size(links[member], fixed, notes)
         elements.append(shape_of(members[links[member]], fixed))
         return Description(robot.attributes.get("name", "") or "robot", tuple(elements), tuple(notes))
 
@@ -280,6 +286,13 @@ def _check_path(name: str, path: Sequence[Element]) -> None:
             raise InputError(where, found, "Give a --base and a --tip between which every joint is commanded")
 
 
+def _check_size(link: str, fixed: Array, notes: list[str]) -> None:
+    """Add a note on a member that is longer than a robot's is."""
+    length = float(np.linalg.norm(fixed[:3, 3])) / MM_PER_M
+    if length > LONGEST_MEMBER_M:
+        notes.append(f"the member {link} is {length:.4g} m long: in a URDF xyz is in m, not mm")
+
+
 def _members(name: str, path: Sequence[Element], base: str) -> list[str]:
     """For each stretch between joints that move the name of its first link."""
     out = [base]
@@ -316,11 +329,12 @@ def _joint(name: str, joint: Element, names: Mapping[str, str], notes: list[str]
     vector = np.array((1.0, 0.0, 0.0) if axis is None else _three(where, axis, "xyz", "1 0 0"))
     size = float(np.linalg.norm(vector))
     if abs(size - 1) > AXIS_TOLERANCE:
-        raise InputError(where, f"an axis of length {size:.6g}", "Write a vector of length 1")
+        unit = f', here xyz="{" ".join(f"{v:.12g}" for v in vector / size + 0.0)}"' if size else ""
+        raise InputError(where, f"an axis of length {size:.6g}", f"Write a vector of length 1{unit}")
     if abs(size - 1) > ROUNDED_AXIS:
         notes.append(f"the axis of {own} has length {size:.6g}: made 1")
     x, y, z = (float(v) + 0.0 for v in vector / size)
-    unit = MM_PER_M if kind == "prismatic" else 1.0
+    scale = MM_PER_M if kind == "prismatic" else 1.0
     found = Joint(names[own], "prismatic" if kind == "prismatic" else "rotary", (x, y, z), (-math.pi, math.pi))
     if kind == "continuous":
         notes.append(f"{own} turns without end: its travel is taken as -180 to 180 degrees")
@@ -328,9 +342,14 @@ def _joint(name: str, joint: Element, names: Mapping[str, str], notes: list[str]
     limit = joint.first("limit")
     if limit is None or not {"lower", "upper"} & {*limit.attributes}:
         raise InputError(where, f"a {kind} joint without limits", 'Write <limit lower="..." upper="..."/>')
-    low, high = (_limit(where, limit, key) * unit for key in ("lower", "upper"))
+    low, high = (_limit(where, limit, key) * scale for key in ("lower", "upper"))
     if not low < high:
-        raise InputError(where, f"limits from {low / unit:g} to {high / unit:g}", "Write lower below upper")
+        raise InputError(where, f"limits from {low / scale:g} to {high / scale:g}", "Write lower below upper")
+    if kind == "revolute" and max(-low, high) > LARGEST_ANGLE:
+        turns = max(-low, high) / (2 * math.pi)
+        notes.append(
+            f"{own} turns up to {turns:.3g} times around by its limits: in a URDF they are in rad, not degrees"
+        )
     return replace(found, travel=(low, high))
 
 

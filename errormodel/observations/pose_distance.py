@@ -13,6 +13,8 @@ from errormodel.observations.base import NumberOrUnknown, Observation, Quantity,
 if TYPE_CHECKING:
     import casadi as ca
 
+SMALLEST_MM2 = 1e-24  # mm^2: what no length that is measured notices
+
 
 class PoseDistance(Observation):
     """Distance between the functional point at one command and at another, as a calibrated artefact has it."""
@@ -38,7 +40,10 @@ class PoseDistance(Observation):
     def value(tips: Sequence[Tip], of: Mapping[str, Any]) -> ca.SX:
         import casadi as ca
 
-        return ca.SX(ca.norm_2(tips[1].point - tips[0].point) - of["offset"])
+        # the first reading of a row of displacements is from a pose to itself, where a length has no direction: its
+        # derivative is then 0, not undefined
+        apart = tips[1].point - tips[0].point
+        return ca.SX(ca.sqrt(ca.sumsqr(apart) + SMALLEST_MM2) - of["offset"])
 
     def start(self, points: Sequence[Array], readings: Array, known: Mapping[str, float]) -> dict[str, float]:
         import numpy as np

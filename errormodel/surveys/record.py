@@ -16,7 +16,17 @@ from pydantic import AfterValidator, Field
 from errormodel.units import Quantity, is_unit, to_internal
 from errormodel.yamlfile import FileModel, Number
 
-Text = Annotated[str, Field(min_length=1)]
+_TURNS_TEXT = re.compile("[\u202a-\u202e\u2066-\u2069]")  # what a page shows is then not what the file says
+
+
+def _a_text(text: str) -> str:
+    found = _TURNS_TEXT.search(text)
+    if found is not None:
+        raise ValueError(f"Remove the character U+{ord(found[0]):04X}, which turns the order of what is shown")
+    return text
+
+
+Text = Annotated[str, Field(min_length=1), AfterValidator(_a_text)]
 Rule = Literal["guard-band", "simple"]
 
 LIMIT_EXAMPLE = "a limit with its unit, such as 8 um, 15 arcsec, 20 um/m or 1.8 um + L/300"

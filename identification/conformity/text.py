@@ -32,7 +32,19 @@ def headline(conformity: Conformity) -> str:
 
 def sentence(j: Judgement) -> str:
     """Value beside its limit."""
-    return f"{j.quantity.name} {value_text(j.quantity)}, limit {amount(j.limit, j.quantity)}"
+    return f"{j.quantity.name} {value_text(j.quantity)}, limit {limit_text(j)}"
+
+
+def limit_text(j: Judgement) -> str:
+    """The limit in its quantity's unit, and as it was stated where that has another unit or grows with a length."""
+    shown = amount(j.limit, j.quantity)
+    same = unit_word(j.stated) == unit_word(shown)
+    return shown if same else f"{shown} ({j.stated})"
+
+
+def unit_word(text: str) -> str:
+    """What follows the number of a limit, in one spelling."""
+    return text.lstrip("0123456789.eE+- ").replace("µ", "u").replace("\u03bc", "u")
 
 
 def value_text(q: Quantity) -> str:

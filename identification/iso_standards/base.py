@@ -71,6 +71,19 @@ class Sheet(NamedTuple):
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
 
+    @property
+    def numbers(self) -> set[int]:
+        """Columns behind the first that hold figures only, which are set to the right."""
+        return {k for k in range(1, len(self.head)) if all(_is_number(row[k]) for row in self.rows)}
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell or "0")
+    except ValueError:
+        return False
+    return True
+
 
 class Chart(NamedTuple):
     """A chart, drawn when it is wanted."""

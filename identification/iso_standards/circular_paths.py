@@ -79,6 +79,7 @@ def _of_points(survey: Survey, machine: Machine) -> Iterator[Circle]:
         return
     joints = machine.joints
     q = survey.commands([j.name for j in joints])[points.index]
+    runs = _runs(survey)[points.index]
     rng = np.random.default_rng(0)
     linear = [k for k, j in enumerate(joints) if j.type == "prismatic"]
     for a, b in combinations(linear, 2):
@@ -86,7 +87,7 @@ def _of_points(survey: Survey, machine: Machine) -> Iterator[Circle]:
         _, inverse = np.unique(others, axis=0, return_inverse=True)
         for code in range(int(inverse.max()) + 1):
             own = np.flatnonzero(inverse.ravel() == code)
-            for angle, radius, on, sense in _all_circles(q[own][:, [a, b]]):
+            for angle, radius, on in _all_circles(q[own][:, [a, b]]):
                 rows = own[on]
                 u, v = _direction(points.nominal[rows], q[rows, a], q[rows, b])
                 outward = np.outer(np.cos(angle), u) + np.outer(np.sin(angle), v)
@@ -98,7 +99,7 @@ def _of_points(survey: Survey, machine: Machine) -> Iterator[Circle]:
                 if points.sigma is not None:
                     std = np.sqrt(np.sum(np.square(points.sigma[rows][:, used] * outward[:, used]), axis=1))
                 drawn = _drawn(radial, std, rng)
-                yield Circle((joints[a].name, joints[b].name), radius, angle, drawn, sense)
+                yield Circle((joints[a].name, joints[b].name), radius, angle, drawn, senses(angle, runs[rows]))
 
 
 def _of_bars(survey: Survey, machine: Machine) -> Iterator[Circle]:
@@ -106,6 +107,7 @@ def _of_bars(survey: Survey, machine: Machine) -> Iterator[Circle]:
     joints = machine.joints
     linear = [k for k, j in enumerate(joints) if j.type == "prismatic"]
     q = survey.commands([j.name for j in joints])
+    runs = _runs(survey)
     rng = np.random.default_rng(0)
     for group in groups(survey.table, survey.observations):
         if group.observation.trace != "circle":
@@ -116,13 +118,18 @@ def _of_bars(survey: Survey, machine: Machine) -> Iterator[Circle]:
         circle = _circle(q[own][:, moved]) if len(moved) == 2 and len(own) >= FEWEST_POINTS else None
         if circle is None:
             continue
-        angle, radius, _, sense = circle
+        angle, radius = circle
         bar = next((b.value for b in group.observation.quantities() if b.name == "calibrated"), None)
         radial = readings + (-float(readings.mean()) if bar is None else bar - radius)
         drawn = _drawn(radial, None if group.sigma is None else group.sigma[seen], rng)
         a, b = (joints[k].name for k in moved)
         length = float("nan") if bar is None else bar
-        yield Circle((a, b), radius, angle, drawn, sense, bar is not None, length, group.label)
+        yield Circle((a, b), radius, angle, drawn, senses(angle, runs[own]), bar is not None, length, group.label)
+
+
+def _runs(survey: Survey) -> Index:
+    """Number of the run of each row."""
+    return np.unique(survey.table["run"].to_numpy(dtype=str), return_inverse=True)[1]
 
 
 def _drawn(radial: Array, std: Array | None, rng: np.random.Generator) -> Array:
@@ -132,8 +139,8 @@ def _drawn(radial: Array, std: Array | None, rng: np.random.Generator) -> Array:
     return np.vstack([radial, radial + std * rng.standard_normal((DRAWS, len(radial)))])
 
 
-def _all_circles(q: Array) -> Iterator[tuple[Array, float, Index, Array]]:
-    """The circles that commands (n, 2) lie on, among others that lie on none."""
+def _all_circles(q: Array) -> Iterator[tuple[Array, float, Index]]:
+    """The circles that commands (n, 2) lie on, among others that lie on none: angles, radius, rows."""
     rest = np.arange(len(q))
     for _ in range(MOST_CIRCLES):
         if len(rest) < FEWEST_POINTS:
@@ -146,7 +153,7 @@ def _all_circles(q: Array) -> Iterator[tuple[Array, float, Index, Array]]:
             own = rest[on]
             found = _circle(q[own])
         if found is not None:
-            yield found[0], found[1], own, found[3]
+            yield *found, own
         rest = np.setdiff1d(rest, own)
 
 
@@ -170,8 +177,8 @@ def _most_on_one(q: Array) -> Index | None:
     return best
 
 
-def _circle(q: Array) -> tuple[Array, float, Index, Array] | None:
-    """Angle, radius, rows and sense of commands (n, 2) on a circle; None where they lie on none."""
+def _circle(q: Array) -> tuple[Array, float] | None:
+    """Angles and radius of commands (n, 2) on a circle; None where they lie on none."""
     design = np.column_stack([2 * q, np.ones(len(q))])
     x, y, c = np.linalg.lstsq(design, np.square(q).sum(axis=1), rcond=None)[0]
     radius = float(np.sqrt(max(c + x * x + y * y, 0.0)))
@@ -179,15 +186,35 @@ def _circle(q: Array) -> tuple[Array, float, Index, Array] | None:
     if radius < 1e-3 or np.abs(np.linalg.norm(about, axis=1) - radius).max() > ROUND_SHARE * radius + 1e-3:
         return None
     angle = np.arctan2(about[:, 1], about[:, 0])
-    turned = np.diff(np.unwrap(angle))
     ordered = np.sort(np.mod(angle, 2 * np.pi))
     gap = np.max(np.append(np.diff(ordered), ordered[0] + 2 * np.pi - ordered[-1]))
-    if 2 * np.pi - gap < LEAST_ARC or len(ordered) < FEWEST_POINTS:
-        return None
-    step = np.sign(turned)
-    sense = np.append(step, step[-1])
-    sense = np.where(sense == 0, np.append(step[1:], [step[-1], step[-1]])[: len(sense)], sense)
-    return angle, radius, np.arange(len(q)), np.where(sense >= 0, 1.0, -1.0)
+    return None if 2 * np.pi - gap < LEAST_ARC or len(ordered) < FEWEST_POINTS else (angle, radius)
+
+
+def senses(angle: Array, runs: Index) -> Array:
+    """Sense (n,) in which each point of a path was reached: +1 counter-clockwise, -1 clockwise.
+
+    The first point of a run, and the second of two at one place (the end of one way and the start of the way back),
+    have the sense of the way that begins there.
+
+    Parameters
+    ----------
+    angle : (n,) rad, in the order of the path.
+    runs : (n,) number of the run of each.
+    """
+    turned = np.diff(np.unwrap(angle), prepend=angle[0])
+    turned[np.abs(turned) < SAME_POSITION] = 0.0
+    begins = np.append(True, np.diff(runs) != 0) | (turned == 0.0)
+    out = np.sign(turned)
+    later = 0.0  # sense of the next step, from the end on
+    for k in range(len(out) - 1, -1, -1):
+        step = out[k]
+        if begins[k]:
+            out[k] = later
+        later = step or later
+    for k in np.flatnonzero(out == 0.0):  # nothing follows: as before
+        out[k] = out[k - 1] if k else 1.0
+    return out
 
 
 def _direction(nominal: Array, a: Array, b: Array) -> tuple[Array, Array]:

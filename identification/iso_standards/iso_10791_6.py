@@ -1,7 +1,8 @@
 """ISO 10791-6: machining centres with rotary axes: the tool follows a point while a rotary axis turns.
 
 The rotary axis turns over its measured travel, and the linear axes keep the nominal tip at one point of the workpiece
-(the tests BK of the standard, which a sphere and a probe nest of displacement sensors carry out). Recorded are the
+(the tests of the standard for one rotary axis: AK with two axes in the head, BK with two in the table, CK with one in
+each; a ballbar, or a sphere and a nest of displacement sensors, carries them out). Recorded are the
 deviations of the tip along the rotary axis, radially and tangentially to it; figures are their ranges, which do not
 depend on where the sphere is exactly.
 """

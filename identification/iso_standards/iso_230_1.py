@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from errormodel.survey import Survey
 
 FEWEST_TARGETS = 3  # of which a line leaves something
+LEAST_CURVATURE_MM = 1e-6  # of a fitted model: what is smaller is rounding, and terms of second order
 MODEL_TARGETS = 21  # of a fitted model: enough for curves that polynomials describe
 
 
@@ -90,8 +91,13 @@ class Geometry(Standard):
                 Curve(joint.name, joint, motion, q[:, k], both[:, :, TRANSLATIONS.index(motion)])
                 for motion in _across(axis)
             ]
+        largest = [float(np.abs(straightened(c.q, c.values, LEAST_SQUARES)).max()) for c in curves]
+        flat = ", ".join(c.symbol for c, v in zip(curves, largest, strict=True) if v < LEAST_CURVATURE_MM)
+        unknown = (f"the model has no term of straightness for {flat}, and says nothing of it",) if flat else ()
+        curves = [c for c, v in zip(curves, largest, strict=True) if v >= LEAST_CURVATURE_MM]
         squares = model.location_errors()
         notes = (
+            *unknown,
             "straightness is that of the tip's path along the middle of the measured travels; angles need rows about "
             "error motions, or two tools, and are not given",
         )

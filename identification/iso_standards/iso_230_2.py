@@ -8,15 +8,18 @@ means of both directions together, not of one.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.surveys.record import UncertaintyRecord
 from identification.iso_standards.base import Evaluation, Quantity, Sheet, Standard, spread, text
 from identification.iso_standards.fitted import FittedMachine
-from identification.iso_standards.series import Series, series_of
+from identification.iso_standards.measured_lengths import BEAM_NOTE, lengths_of
+from identification.iso_standards.series import series_of
 from identification.iso_standards.targets import WORDS, Axis, as_json, axis_of, chart, of_readings, sheet
 
 if TYPE_CHECKING:
@@ -24,12 +27,17 @@ if TYPE_CHECKING:
     from errormodel.survey import Survey
 
 USUAL_RUNS = 5  # from each side (ISO 230-2:2014, 5.3.2)
-FEWEST_TARGETS = 5  # in a metre (the same)
+FEWEST_TARGETS = 5  # in a metre, and of any axis (the same)
 LONGEST_TRAVEL = 2000.0  # mm, up to which that holds
+LONGEST_INTERVAL = 250.0  # mm, mean interval of the targets of longer axes (5.3.3)
+ROTARY_TARGETS = {3: 90.0, 5: 180.0, 8: np.inf}  # fewest of a rotary axis, by its travel in degrees (5.3.4)
+FEWEST_READINGS = 3  # of a test
 MODEL_TARGETS = 21  # of a test of a fitted model: enough for curves that polynomials describe
 # expanded uncertainty (k = 2) of a rectangular distribution over its range: 2 / (2 sqrt 3), which annex A rounds up
 OF_RANGE = 0.6
 REFERENCE_TEMPERATURE = 20.0  # degC (ISO 1)
+
+WITHOUT_PLAY = "systematic positioning error, without reversal"  # E of a model that has no play
 
 Part: TypeAlias = "tuple[str, str, Axis, list[Quantity], tuple[str, ...]]"  # label, unit, values, figures, remarks
 
@@ -113,18 +121,50 @@ def _budget(
     return [Sheet(f"uncertainty-{label}", caption, ["contribution", "from", "U"], rows)]
 
 
+class Positions(NamedTuple):
+    """Readings of the position of one joint: what `Series` and `Lengths` hold of it.
+
+    Attributes
+    ----------
+    q : (n,) commands; `along` (n,) deviations, `sigma` (n,) their declared standard uncertainties: mm or rad.
+    direction : (n,) +-1, side of arrival.
+    beam : whether lengths were read.
+    """
+
+    label: str
+    unit: str
+    q: Array
+    along: Array
+    sigma: Array | None
+    direction: Array
+    beam: bool = False
+
+
+def _tests(survey: Survey, machine: Machine) -> Iterator[Positions]:
+    """The positioning tests of a survey."""
+    for s in series_of(survey, machine):
+        if np.isfinite(s.along).sum() >= FEWEST_READINGS:
+            yield Positions(s.label, s.unit, s.q, s.along, s.along_sigma, s.direction)
+    found = [lengths for lengths in lengths_of(survey, machine) if len(lengths.moving) == 1]
+    names = [machine.joints[lengths.moving[0]].name for lengths in found]
+    for lengths, name in zip(found, names, strict=True):
+        label = name if names.count(name) == 1 else f"{name} ({lengths.label})"
+        q = lengths.q[:, lengths.moving[0]]
+        yield Positions(label, "mm", q, lengths.deviation, lengths.sigma, lengths.direction, beam=True)
+
+
 class Positioning(Standard):
     """Positioning of each axis."""
 
     number = "230-2"
     title = "ISO 230-2:2014, accuracy and repeatability of positioning"
     needs = (
-        "readings of one joint at targets, while the others stand still: rows about its error motions (column joint) "
-        "or measured points"
+        "readings of one joint at targets, while the others stand still: rows about its error motions (column joint), "
+        "measured points, or lengths along its line"
     )
 
     def of_survey(self, survey: Survey, machine: Machine) -> Evaluation:
-        found = [s for s in series_of(survey, machine) if np.isfinite(s.along).sum() >= 3]
+        found = list(_tests(survey, machine))
         if not found:
             raise self.lacking(survey, "no joint was read at three targets with the others standing still")
         record = survey.record
@@ -134,19 +174,28 @@ class Positioning(Standard):
         budgets: list[Sheet] = []
         for series in found:
             axis = axis_of(series.q, series.along, series.direction)
-            sigma = series.along_sigma
+            sigma = series.sigma
             noise = None if sigma is None or not np.isfinite(sigma).any() else float(np.nanmax(sigma))
             travel = float(np.ptp(axis.targets))
             own = given if series.unit == "mm" else UncertaintyRecord()  # its lengths say nothing about an angle
             known = annex_a(travel, max(axis.runs, 1), len(axis.targets), own, noise, warm)
             quantities = [
-                Quantity(name, series.label, WORDS[name], float(v), series.unit, known.get(name), _basis(name, known))
+                Quantity(
+                    name,
+                    series.label,
+                    WORDS[name],
+                    float(v),
+                    series.unit,
+                    known.get(name),
+                    _basis(name, known, series.unit),
+                )
                 for name, v in axis.figures().items()
             ]
-            parts.append((series.label, series.unit, axis, quantities, tuple(_remarks(series, axis))))
+            parts.append((series.label, series.unit, axis, quantities, tuple(remarks(series, axis))))
             if series.unit == "mm":
                 budgets += _budget(series.label, travel, own, noise, warm)
-        whole = _evaluation(self, f"survey {survey.source.name}", parts)
+        notes = (BEAM_NOTE,) if any(t.beam for t in found) else ()
+        whole = _evaluation(self, f"survey {survey.source.name}", parts, notes)
         return replace(whole, sheets=(*whole.sheets, *budgets))
 
     def of_fit(self, model: FittedMachine) -> Evaluation:
@@ -164,8 +213,9 @@ class Positioning(Standard):
             none = np.full(MODEL_TARGETS, np.nan)
             whole = Axis(q[:, k], up, down, none, none, 0)
             figures = whole.figures() if model.reversing(joint) else {"E": np.ptp(up, axis=-1)}
+            words = WORDS if model.reversing(joint) else WORDS | {"E": WITHOUT_PLAY}
             quantities = [
-                Quantity(name, joint.name, WORDS[name], value, "mm", expanded, "covariance of the fit")
+                Quantity(name, joint.name, words[name], value, "mm", expanded, "covariance of the fit")
                 for name, (value, expanded) in ((n, spread(v)) for n, v in figures.items())
             ]
             best = Axis(q[:, k], up[0], down[0], none, none, 0)
@@ -180,32 +230,46 @@ class Positioning(Standard):
         return replace(_evaluation(self, model.source, parts, notes), sheets=())
 
 
-def _basis(name: str, known: dict[str, float]) -> str:
+def _basis(name: str, known: dict[str, float], unit: str) -> str:
     if name in known:
         return "annex A"
+    if unit == "rad":
+        return "the survey declares no standard uncertainty of its angles (u_ea, u_eb, u_ec)"
     if name.startswith(("R", "B")):
         return "test.uncertainty.environment and the instrument's noise are not stated"
     return "neither instrument nor test.uncertainty.device is stated"
 
 
-def _remarks(series: Series, axis: Axis) -> list[str]:
+def remarks(series: Positions, axis: Axis) -> list[str]:
+    """What the test lacks of what the standard has, in sentences."""
     out = []
     name = series.label
     travel = float(np.ptp(axis.targets))
-    if axis.runs < USUAL_RUNS:
-        out.append(
-            f"{name}: {axis.runs} run{'s' if axis.runs != 1 else ''} from each side; the standard has {USUAL_RUNS}"
-        )
+    # a longer axis is tested once from each side over its whole travel (5.3.3)
+    usual = 1 if series.unit == "mm" and travel > LONGEST_TRAVEL else USUAL_RUNS
+    if axis.runs < usual:
+        out.append(f"{name}: {axis.runs} run{'s' if axis.runs != 1 else ''} from each side; the standard has {usual}")
     if axis.one_sided:
         out.append(f"{name}: {axis.one_sided}")
     if not axis.both:
         out.append(f"{name}: targets were approached from one side only, so that A, E, M, R and B are not given")
-    if series.unit == "mm" and travel <= LONGEST_TRAVEL and len(axis.targets) < FEWEST_TARGETS * max(travel / 1000, 1):
-        out.append(f"{name}: {len(axis.targets)} targets; the standard has at least {FEWEST_TARGETS} in a metre")
+    fewest, of = _fewest_targets(series.unit, travel)
+    if len(axis.targets) < fewest:
+        out.append(f"{name}: {len(axis.targets)} targets; the standard has at least {fewest:.0f} in {of}")
     steps = np.diff(axis.targets)
     if len(steps) > 2 and np.ptp(steps) < 1e-6 * float(np.abs(steps).max()):
         out.append(f"{name}: targets in equal steps, which do not show periodic errors of that pitch")
     return out
+
+
+def _fewest_targets(unit: str, travel: float) -> tuple[int, str]:
+    """Targets that ISO 230-2:2014 (5.3) has at least, and over what, in words; travels in mm or rad."""
+    if unit == "rad":
+        degrees = float(np.degrees(travel))
+        return next(n for n, most in ROTARY_TARGETS.items() if degrees <= most + 1e-6), f"{degrees:.4g}°"
+    if travel > LONGEST_TRAVEL:
+        return int(travel // LONGEST_INTERVAL) + 1, f"{travel:.4g} mm, one every {LONGEST_INTERVAL:g} mm"
+    return max(FEWEST_TARGETS, int(np.ceil(FEWEST_TARGETS * travel / 1000))), f"{travel:.4g} mm, five a metre"
 
 
 def _evaluation(

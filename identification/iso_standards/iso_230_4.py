@@ -1,8 +1,9 @@
 """ISO 230-4: circular tests of two linear axes.
 
 Circular deviation G: least radial separation of two concentric circles around the path, in one direction and of both
-together. Radial deviation F: from the nominal radius about the least-squares centre, its largest and smallest value.
-Mean bidirectional radial deviation D: mean radius of both directions minus the nominal one.
+together. Radial deviation F: from the nominal radius about the least-squares centre, its largest and smallest value in
+one direction and of both together. Mean bidirectional radial deviation D: radius of the least-squares circles of both
+directions minus the nominal one.
 """
 
 from __future__ import annotations
@@ -27,23 +28,37 @@ if TYPE_CHECKING:
     from errormodel.survey import Survey
 
 MODEL_POINTS = 180  # of a circle of a fitted model: every two degrees
+GAP_STEPS = 5.0  # usual distances of points, beyond which a chart leaves a gap in the path; by judgement
 MODEL_RADIUS_SHARE = 0.4  # of the shorter measured travel; ISO 230-4 leaves the radius to be agreed on
 
 WORDS = {
     "G+": "circular deviation, counter-clockwise",
     "G-": "circular deviation, clockwise",
     "G(b)": "bidirectional circular deviation",
-    "F max": "largest radial deviation",
-    "F min": "smallest radial deviation",
+    "F+ max": "largest radial deviation, counter-clockwise",
+    "F+ min": "smallest radial deviation, counter-clockwise",
+    "F- max": "largest radial deviation, clockwise",
+    "F- min": "smallest radial deviation, clockwise",
+    "F max": "largest radial deviation of both directions",
+    "F min": "smallest radial deviation of both directions",
     "D": "mean bidirectional radial deviation",
 }
 
 
-def centred(angle: Array, radial: Array) -> Array:
-    """Radial deviations (..., n) about their least-squares centre: without the part cos, sin."""
+def least_squares(angle: Array, radial: Array) -> tuple[Array, Array]:
+    """Radius (...) of the least-squares circle of radial deviations (..., n), and what they are about its centre.
+
+    A small shift of the centre takes ``x cos + y sin`` off. The radius is not their mean where the points do not lie
+    evenly around the circle.
+    """
     design = np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
     shares = radial @ np.linalg.pinv(design).T
-    return np.asarray(radial - shares[..., 1:] @ design[:, 1:].T)
+    return np.asarray(shares[..., 0]), np.asarray(radial - shares[..., 1:] @ design[:, 1:].T)
+
+
+def centred(angle: Array, radial: Array) -> Array:
+    """Radial deviations (..., n) about their least-squares centre."""
+    return least_squares(angle, radial)[1]
 
 
 def minimum_zone(angle: Array, radial: Array) -> tuple[float, Array]:
@@ -73,21 +88,24 @@ def figures(circle: Circle) -> dict[str, tuple[float, float | None]]:
     Circular deviations are of the minimum zone; their uncertainty is that of the range about the least-squares centre.
     """
     out: dict[str, tuple[float, float | None]] = {}
-    both, means = [], []
-    for symbol, sense in (("G+", 1.0), ("G-", -1.0)):
+    sizes = []
+    for sign, sense in (("+", 1.0), ("-", -1.0)):
         angle, radial = circle.of(sense)
-        if len(angle):
-            out[symbol] = (minimum_zone(angle, radial[0])[0], spread(np.ptp(centred(angle, radial), axis=-1))[1])
-            both.append(angle)
-            means.append(radial.mean(axis=-1))
+        if not len(angle):
+            continue
+        size, about = least_squares(angle, radial)
+        out[f"G{sign}"] = (minimum_zone(angle, radial[0])[0], spread(np.ptp(about, axis=-1))[1])
+        if circle.sized:
+            out[f"F{sign} max"], out[f"F{sign} min"] = spread(about.max(axis=-1)), spread(about.min(axis=-1))
+        sizes.append(size)
     about = centred(circle.angle, circle.radial)
-    if len(both) == 2:
+    if len(sizes) == 2:
         out["G(b)"] = (minimum_zone(circle.angle, circle.radial[0])[0], spread(np.ptp(about, axis=-1))[1])
     if circle.sized:
         out["F max"], out["F min"] = spread(about.max(axis=-1)), spread(about.min(axis=-1))
-    if len(both) == 2 and circle.sized:
-        out["D"] = spread(np.mean(means, axis=0))
-    return out
+    if len(sizes) == 2 and circle.sized:
+        out["D"] = spread(np.mean(sizes, axis=0))
+    return {symbol: out[symbol] for symbol in WORDS if symbol in out}
 
 
 class Circles(Standard):
@@ -205,16 +223,8 @@ def _draw(circle: Circle) -> Figure:
         own = circle.sense == sense
         if not own.any():
             continue
-        order = np.argsort(np.mod(circle.angle[own], 2 * np.pi), kind="stable")
-        angle = circle.angle[own][order]
-        r = base + left[own][order]
-        axes.plot(
-            np.append(r * np.cos(angle), r[0] * np.cos(angle[0])),
-            np.append(r * np.sin(angle), r[0] * np.sin(angle[0])),
-            lw=1.2,
-            color=colour,
-            label=words,
-        )
+        angle, r = _closed(circle.angle[own], base + left[own])
+        axes.plot(r * np.cos(angle), r * np.sin(angle), lw=1.2, color=colour, label=words)
     reach = base + 2.3 * step
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     axes.set_axis_off()
@@ -225,6 +235,17 @@ def _draw(circle: Circle) -> Figure:
     axes.text(-1.4 * reach, -reach, f"one ring: {step:g} µm", size=style.SMALL_TEXT, color=style.MUTED)
     axes.legend(loc="upper left", bbox_to_anchor=(-0.4, 1.0), fontsize=style.SMALL_TEXT, frameon=False)
     return figure
+
+
+def _closed(angle: Array, r: Array) -> tuple[Array, Array]:
+    """Points of a path in the order of their angles, back to the first; a gap, of an arc say, is left open."""
+    angle = np.mod(angle, 2 * np.pi)
+    order = np.argsort(angle, kind="stable")
+    order = np.append(order, order[0])
+    angle, r = angle[order], r[order]
+    steps = np.mod(np.diff(angle), 2 * np.pi)
+    wide = 1 + np.flatnonzero(steps > GAP_STEPS * np.median(steps[steps > 0]))
+    return np.insert(angle, wide, np.nan), np.insert(r, wide, np.nan)
 
 
 def _round(size: float) -> float:

@@ -19,6 +19,7 @@ from errormodel.chain import Chain
 from errormodel.machine import Joint
 from identification.iso_standards.base import Evaluation, Quantity, Standard, spread
 from identification.iso_standards.fitted import FittedMachine
+from identification.iso_standards.measured_lengths import BEAM_NOTE, lengths_of
 from identification.iso_standards.series import DRAWS, SAME_POSITION, measured_points, sides_of
 from identification.iso_standards.targets import Axis, as_json, axis_of, chart, of_readings, sheet
 
@@ -48,7 +49,7 @@ class Diagonal:
     length : mm, between its ends.
     axis : means (1 + draws, m) and standard deviations at the targets, from its start.
     reverses : whether something is known of the reversal.
-    repeatability : expanded uncertainty of R by the noise of a reading, mm; None where none is declared.
+    repeatability : expanded uncertainty of R and A by the noise of a reading, mm; None where none is declared.
     """
 
     name: str
@@ -70,15 +71,21 @@ class Diagonals(Standard):
 
     number = "230-6"
     title = "ISO 230-6:2002, positioning on body and face diagonals"
-    needs = "measured points (all components) at three targets or more of a diagonal, on which two or three axes move"
+    needs = (
+        "measured points (all components), or lengths along the line, at three targets or more of a diagonal, on which "
+        "two or three axes move"
+    )
 
     def of_survey(self, survey: Survey, machine: Machine) -> Evaluation:
-        found = list(_diagonals(survey, machine))
+        beams = list(_of_lengths(survey, machine))
+        found = [*_diagonals(survey, machine), *beams]
         if not found:
-            raise self.lacking(survey, "no rows lie on a diagonal with all components measured")
+            what = "no rows lie on a diagonal with all components, or the length along it, measured"
+            raise self.lacking(survey, what)
         known = len(found[0].axis.up) > 1
         basis = "noise of the instrument as declared" if known else "the survey declares no noise of its instrument"
         notes = tuple(f"{d.name}: {d.axis.one_sided}" for d in found if d.axis.one_sided)
+        notes += (BEAM_NOTE,) if beams else ()
         return _evaluation(self, f"survey {survey.source.name}", found, basis, notes)
 
     def of_fit(self, model: FittedMachine) -> Evaluation:
@@ -157,9 +164,32 @@ def _diagonals(survey: Survey, machine: Machine) -> Iterator[Diagonal]:
         axis = axis_of(position, deviation, side)
         sigma = None if points.sigma is None else np.sqrt(np.square(points.sigma[rows]) @ np.square(along))
         sign = np.sign((q[last] - q[first])[axes])
-        name = _name([joints[k] for k in axes], sign)
-        known = None if sigma is None else of_readings(2 * float(sigma.max()), max(axis.runs, 1), 1)["R"]
-        yield Diagonal(name, len(axes), length, _drawn(axis, sigma, rng), repeatability=known)
+        own = [joints[k] for k in axes]
+        yield _measured(_name(own, sign), own, length, axis, sigma, rng)
+
+
+def _of_lengths(survey: Survey, machine: Machine) -> Iterator[Diagonal]:
+    """Diagonals along which an interferometer read the displacement."""
+    rng = np.random.default_rng(0)
+    used: set[str] = set()
+    for lengths in lengths_of(survey, machine):
+        if len(lengths.moving) < 2:
+            continue
+        joints = [machine.joints[k] for k in lengths.moving]
+        first, last = np.argmin(lengths.position), np.argmax(lengths.position)
+        name = _name(joints, np.sign((lengths.q[last] - lengths.q[first])[list(lengths.moving)]))
+        name = f"{name} ({lengths.label})" if name in used else name
+        used.add(name)
+        axis = axis_of(lengths.position, lengths.deviation, lengths.direction)
+        yield _measured(name, joints, float(np.ptp(lengths.position)), axis, lengths.sigma, rng)
+
+
+def _measured(
+    name: str, joints: Sequence[Joint], length: float, axis: Axis, sigma: Array | None, rng: np.random.Generator
+) -> Diagonal:
+    """A diagonal of readings with their declared standard uncertainties."""
+    known = None if sigma is None else of_readings(2 * float(sigma.max()), max(axis.runs, 1), 1)["R"]
+    return Diagonal(name, len(joints), length, _drawn(axis, sigma, rng), repeatability=known)
 
 
 def _drawn(axis: Axis, sigma: Array | None, rng: np.random.Generator) -> Axis:
@@ -214,7 +244,7 @@ def _evaluation(kind: Diagonals, source: str, found: list[Diagonal], basis: str,
                 values = np.atleast_1d(figures[symbol])
                 every.setdefault(symbol, []).append(values)
                 value, expanded = spread(values)
-                if symbol == "R":  # standard deviations have no draws
+                if symbol in ("R", "A"):  # standard deviations have no draws
                     expanded = d.repeatability
                 words = FIGURES[symbol]
                 quantities.append(Quantity(symbol, d.name, words, value, "mm", expanded, basis, length=d.length))
@@ -222,7 +252,7 @@ def _evaluation(kind: Diagonals, source: str, found: list[Diagonal], basis: str,
             shape = max(len(v) for v in parts)
             largest = np.max([np.broadcast_to(v, shape) for v in parts], axis=0)
             value, expanded = spread(largest)
-            if symbol == "R":
+            if symbol in ("R", "A"):
                 expanded = own[0].repeatability
             words = f"largest {FIGURES[symbol].replace('the diagonal', f'a {KINDS[n]} diagonal')}"
             quantities.append(Quantity(f"{symbol} {KINDS[n]}", "", words, value, "mm", expanded, basis))

@@ -62,6 +62,11 @@ class Axis:
         return bool(np.isfinite(sides).all())
 
     @property
+    def alike(self) -> bool:
+        """Whether it is a model's, without a difference between the sides."""
+        return self.both and not self.repeated and not self.reversal.any()
+
+    @property
     def mean(self) -> Array:
         """Mean bidirectional deviation at each target."""
         return (self.up + self.down) / 2
@@ -147,11 +152,15 @@ def as_json(axis: Axis, unit: str) -> dict[str, Any]:
 
 def chart(label: str, unit: str, axis: Axis) -> Chart:
     """Deviations against the position, from both sides."""
+    lines = (
+        "deviations, the same from either side"
+        if axis.alike
+        else "mean deviations from below (blue) and above (orange)"
+        f"{' with ± 2 s' if axis.repeated else ''}, and the mean of both (black)"
+    )
     return Chart(
         f"positioning {label}",
-        f"{label}: mean deviations from below (blue) and above (orange)"
-        f"{' with ± 2 s' if axis.repeated else ''}, and the mean of both (black). The dashed lines are the limits "
-        f"that {'A' if axis.repeated else 'E'} lies between.",
+        f"{label}: {lines}. The dashed lines are the limits that {'A' if axis.repeated else 'E'} lies between.",
         f"Deviation of {label} against its position from both sides",
         partial(_draw, label, unit, axis),
     )
@@ -181,7 +190,7 @@ def _draw(label: str, unit: str, axis: Axis) -> Figure:
     figure = Figure(figsize=(style.REPORT_WIDTH_IN, 3.4), facecolor="white")
     axes = style.panel(figure, 0.75, 0.6, 7.0, 2.35)
     place = np.degrees(axis.targets) if unit == "rad" else axis.targets
-    alike = axis.both and not axis.repeated and not axis.reversal.any()
+    alike = axis.alike
     ends = [axis.up] if alike else []
     for mean, s, colour, marker, words in (
         (axis.up, axis.s_up, style.FITTED, "^", "from below"),

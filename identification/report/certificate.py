@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from errormodel import __version__
 from errormodel.surveys.record import RecordForm
 from identification.conformity.decision import RULES, Verdict
-from identification.conformity.text import amount, cells, headline
+from identification.conformity.text import cells, headline, limit_text
 from identification.report.page import page
 from identification.report.pictures import Picture, picture
 from identification.report.record_head import head_of
@@ -41,6 +41,7 @@ class Part(NamedTuple):
     title: str
     source: str
     rows: list[Row]
+    decided: bool
     sheets: tuple[Sheet, ...]
     drawn: list[Picture]
     notes: tuple[str, ...]
@@ -55,7 +56,7 @@ def certificate(result: EvaluationResult) -> str:
         j = judged.get(id(q))
         verdict: Verdict | None = None if j is None else j.verdict
         return Row(
-            q.name, q.words, *cells(q), "" if j is None else amount(j.limit, q),
+            q.name, q.words, *cells(q), "" if j is None else limit_text(j),
             verdict or "", "" if verdict is None else SIGNS[verdict],
         )  # fmt: skip
 
@@ -78,6 +79,7 @@ def certificate(result: EvaluationResult) -> str:
         unused=result.conformity.unused,
         parts=[_part(e, [row(q) for q in e.quantities]) for e in result.evaluations],
         reasons=[(j.quantity.name, j.reason) for j in result.conformity.judgements if j.reason],
+        notes=result.survey_notes,
         unknown=list(dict.fromkeys(q.basis for q in every if q.expanded is None)),
         inputs=result.inputs,
         version=__version__,
@@ -86,4 +88,4 @@ def certificate(result: EvaluationResult) -> str:
 
 def _part(e: Evaluation, rows: list[Row]) -> Part:
     drawn = [picture(c.draw, c.caption, c.alt) for c in e.charts]
-    return Part(e.number, e.title, e.source, rows, e.sheets, drawn, e.notes)
+    return Part(e.number, e.title, e.source, rows, any(r.verdict for r in rows), e.sheets, drawn, e.notes)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from identification.conformity.decision import Conformity
+from identification.iso_standards.base import COVERAGE_FACTOR
 from identification.results.results_folder import ResultsFolder
 from identification.runtime.progress import Progress, silent
 
@@ -19,6 +20,21 @@ if TYPE_CHECKING:
     from identification.iso_standards.base import Evaluation
 
 SCHEMA = "errormodel.iso/1"
+COVERAGE = 0.95  # of an expanded uncertainty with k = 2, about
+# units of the figures, and of the numbers under `test`, as the D-SI of digital calibration certificates writes them
+UNITS = {
+    "figures": {"mm": r"\milli\metre", "rad": r"\radian", "1": r"\one", "rad/mm": r"\radian\milli\metre\tothe{-1}"},
+    "test": {
+        "ambient": {
+            "temperature": r"\degreecelsius", "machine_temperature": r"\degreecelsius", "temperature_range": r"\kelvin",
+            "humidity": r"\percent", "pressure": r"\hecto\pascal",
+        },
+        "uncertainty": {
+            "device": r"\milli\metre", "misalignment": r"\milli\metre", "environment": r"\milli\metre",
+            "temperature": r"\kelvin", "coefficient": r"\kelvin\tothe{-1}", "coefficient_bound": r"\kelvin\tothe{-1}",
+        },
+    },
+}  # fmt: skip
 COLUMNS = ("standard", "name", "words", "value", "expanded", "unit", "basis")
 
 
@@ -33,6 +49,7 @@ class EvaluationResult:
     record : the block ``test:`` of the survey; None where it has none.
     inputs : digests (SHA-256) of the files that were read, by name.
     notes : what the evaluations remark, and what was left out.
+    survey_notes : those of them that are about the survey's rows: what was assumed, or left out.
     """
 
     def __init__(
@@ -49,6 +66,7 @@ class EvaluationResult:
         self.conformity = conformity
         self.record = record
         self.inputs = tuple(inputs)
+        self.survey_notes = tuple(notes)
         self.notes = (*notes, *(f"{e.number}: {note}" for e in self.evaluations for note in e.notes))
 
     @cached_property
@@ -94,6 +112,8 @@ class EvaluationResult:
             "machine": self.machine,
             "test": None if self.record is None else self.record.model_dump(exclude_defaults=True),
             "missing": list(self.missing),
+            "units": UNITS,
+            "coverage": {"k": COVERAGE_FACTOR, "probability": COVERAGE},
             "verdict": self.verdict,
             "conformity": self.conformity.as_json(),
             "standards": [

@@ -62,7 +62,10 @@ WRONG: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "floating": ("", robot(joint("J0", "world", "base", "floating"), ONE), ("a floating joint", "--base behind it")),
     "planar": ("", robot(joint("J0", "world", "base", "planar"), ONE), ("a planar joint",)),
     "only fixed": ("", robot(joint("J0", "world", "base", "fixed")), ("no joint that moves from 'world'",)),
-    "an axis": ("", robot(ONE).replace('"0 0 1"', '"0 0 2"'), ("an axis of length 2", "length 1")),
+    "an axis": ("", robot(ONE).replace('"0 0 1"', '"0 0 2"'), ("an axis of length 2", 'here xyz="0 0 1"')),
+    "one name for two joints": (
+        "", robot(ONE, joint("J1", "arm", "hand", "revolute", '<axis xyz="0 0 1"/>')), ("two joints", "called 'J1'")
+    ),
     "no axis": ("", robot(ONE).replace('"0 0 1"', '"0 0 0"'), ("an axis of length 0",)),
     "two numbers": ("", robot(ONE).replace('"0 0 1"', '"0 1"'), ('xyz="0 1"', "three numbers")),
     "no number": ("", robot(joint("J1", "a", "b", "revolute", '<origin rpy="0 nan 0"/>')), ('rpy="0 nan 0"',)),
@@ -194,6 +197,17 @@ def test_a_member_before_the_first_joint_is_left_out_where_it_is_nothing() -> No
     assert [e.name for e in moved.elements] == ["base", "J1", "arm"]
     fixed = links_of(moved).fixed[0]
     assert (inverse(fixed) @ fixed == frames(plain, positions(plain.joints, 1) * 0)[0]).all()
+
+
+def test_numbers_of_another_unit_are_said(tmp_path: Path) -> None:
+    """A URDF has no units: a limit of 170 rad, and a member of 350 m, can be meant, and hardly are."""
+    text = robot(ONE.replace('"2.5"', '"170"'), joint("J2", "arm", "hand", "revolute", '<origin xyz="350 0 0"/>'))
+    result = run("machine", write(tmp_path / "a.urdf", text), "--out", tmp_path / "m.yaml")
+    assert result.code == 0
+    assert "J1 turns up to 27.1 times around by its limits" in result.err
+    assert "the member arm is 350 m long" in result.err
+    plain = run("machine", write(tmp_path / "b.urdf", robot(ONE)), "--out", tmp_path / "b.yaml")
+    assert "in a URDF" not in plain.err
 
 
 @pytest.mark.parametrize("form", registry())

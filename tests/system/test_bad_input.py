@@ -106,6 +106,8 @@ FORMS: dict[str, tuple[Content, tuple[str, ...]]] = {
     "no version": (YAML.partition("\n")[2], ("s.yaml", "'errormodel' is missing", "1")),
     "another version": (YAML.replace("1", "2"), ("s.yaml, line 1, key errormodel", "2", "1")),
     "unknown instrument": (YAML + "instrument: {type: laser}\n", ("line 4", "'laser'", "'laser-tracker'")),
+    "a key of another instrument": (
+        YAML + "instrument: {type: plain, sigma: 0.001}\n", ("line 4", "unknown key 'sigma'. Valid: type")),
     "half an instrument": (
         YAML + "instrument: {type: laser-tracker, angle: 1.0e-6}\n",
         ("line 4", "Write range and angle"),

@@ -114,6 +114,17 @@ def test_without_the_block_it_says_what_is_missing(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out/evaluation.json").read_text())["test"] is None
 
 
+def test_what_was_assumed_of_the_rows_is_on_the_certificate(tmp_path: Path) -> None:
+    """No column says from which side X arrived; a limit in another unit is shown as it was stated."""
+    evaluated(tmp_path, more=INSTRUMENT + TEST.replace("A: 30 um", "A: 0.03 mm"))
+    page = (tmp_path / "out/certificate.html").read_text(encoding="utf-8")
+    assert "the side of arrival is taken from the order of the rows" in page
+    assert "30 µm (0.03 mm)" in page
+    found = json.loads((tmp_path / "out/evaluation.json").read_text())
+    assert found["coverage"] == {"k": 2.0, "probability": 0.95}
+    assert found["units"]["figures"]["mm"] == r"\milli\metre"
+
+
 def test_limits_of_the_command_line_and_another_rule(tmp_path: Path) -> None:
     evaluated(tmp_path, "--tolerance", "X.B=10 um", "--decision", "simple")
     assert said(tmp_path) == "Passes: all 2 tolerances are met."

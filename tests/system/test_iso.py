@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,8 @@ import pandas as pd
 import pytest
 
 from errormodel import read_machine, simulate
-from identification import iso, standards
+from errormodel.machine import Joint
+from identification import fit, iso, standards
 from tests.helpers.commands import MILL, done, run, tree, write
 
 CMM = "bridge_cmm"
@@ -64,6 +66,17 @@ def test_squareness_of_a_fit(fitted: Path) -> None:
     assert close(found["EC(0X)Y"], SQUARE)
     assert close(found["EB(0X)Z"], 0.0)
     assert found["EYX"]["value"] < 5e-4  # a straight line: its slope is no straightness error
+
+
+def test_a_model_without_curvature_says_nothing_of_straightness(fitted: Path, tmp_path: Path) -> None:
+    """Its straightness would be 0 with an uncertainty of 0, and pass any tolerance."""
+    whole = read_machine(MILL)
+    rigid = (replace(e, models={}) if isinstance(e, Joint) else e for e in whole.elements)
+    found = iso("230-1", fit(replace(whole, elements=tuple(rigid)), fitted / "s.csv").save(tmp_path / "fit"))
+    symbols = {q.symbol for q in found.evaluations[0].quantities}
+    assert "EC(0X)Y" in symbols
+    assert not symbols & {"EYX", "EZX", "EYX minimum zone"}
+    assert any("says nothing of it" in note and "EYX" in note for note in found.notes)
 
 
 def test_face_diagonals_of_a_fit_by_the_formula_of_textbooks(fitted: Path, travel: dict[str, float]) -> None:

@@ -47,10 +47,11 @@ def test_circles_are_found_among_lines_diagonals_and_each_other() -> None:
         # of an ellipse with half axes r s / 2 along the axes and r g / 2 across: the frame takes half of the squareness
         own = {k: v for k, v in found.items() if k.startswith(f"XY r{radius}.")}
         assert own[f"XY r{radius}.G(b)"] == pytest.approx(radius * np.hypot(SCALE, SQUARE), rel=5e-3)
-        # the angle 0 comes twice in 91 readings, where the circle is widest and where a shift of the frame shows
-        assert own[f"XY r{radius}.D"] == pytest.approx(radius * SCALE / 2, rel=3 / 91)
+        # the angle 0 comes twice in 91 readings, where the circle is widest: their mean is up to 3 / 91 larger, the
+        # radius of the least-squares circle by 1 / 91
+        assert own[f"XY r{radius}.D"] == pytest.approx(radius * SCALE / 2, rel=1.2 / 91)
     assert found["XY r80 no. 2.G(b)"] == pytest.approx(found["XY r80.G(b)"], rel=1e-3)
-    assert len(found) == 4 * 6
+    assert len(found) == 4 * 10
 
 
 def test_lengths_of_a_ballbar_are_a_circular_test() -> None:

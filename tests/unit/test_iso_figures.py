@@ -11,8 +11,10 @@ from scipy.optimize import linprog, minimize
 
 from errormodel.arrays import Array
 from errormodel.surveys.record import UncertaintyRecord
-from identification.iso_standards.iso_230_2 import annex_a
+from identification.iso_standards.circular_paths import Circle, senses
+from identification.iso_standards.iso_230_2 import Positions, annex_a, remarks
 from identification.iso_standards.iso_230_4 import centred, minimum_zone
+from identification.iso_standards.iso_230_4 import figures as of_circle
 from identification.iso_standards.reference_lines import LINES, straightened, straightness
 from identification.iso_standards.targets import Axis, axis_of
 
@@ -213,3 +215,65 @@ def test_squareness_makes_an_ellipse_of_a_circle() -> None:
     x, y = -g * r * np.sin(angle), np.zeros(360)  # the line of Y turned by g about +z
     radial = x * np.cos(angle) + y * np.sin(angle)
     assert minimum_zone(angle, radial)[0] == pytest.approx(g * r, rel=1e-3)  # 360 points miss the crest by 1e-4
+
+
+def test_a_point_of_a_circle_belongs_to_the_way_on_which_it_was_reached() -> None:
+    """The last point of one way, and the first of the way back, at one place or at two; the runs may be one."""
+    way = np.radians(np.arange(0.0, 360.0, 30.0))
+    for back, first in ((way[::-1], 12), (way[-2::-1], 12)):
+        angle = np.append(way, back)
+        for runs in (
+            np.zeros(len(angle), dtype=int),
+            np.append(np.zeros(12, dtype=int), np.ones(len(back), dtype=int)),
+        ):
+            assert senses(angle, runs).tolist() == [1.0] * first + [-1.0] * len(back)
+    assert senses(way, np.arange(12)).tolist() == [1.0] * 12  # a run a point
+    again = np.append(way, way[:1])  # over the start
+    assert senses(again, np.zeros(13, dtype=int)).tolist() == [1.0] * 13
+
+
+def test_size_of_a_circle_and_deviations_in_each_direction_on_an_arc() -> None:
+    """310 degrees off their centre: the mean of the deviations is no radius. By least squares on true circles."""
+    angle = np.linspace(0.1, 0.1 + np.radians(310.0), 60)
+    shift, radius = np.array([0.03, -0.02]), 150.0
+    radial, expected = [], {}
+    for sign, name, more in ((1.0, "+", 0.004), (-1.0, "-", 0.001)):
+        own = more + 0.002 * np.cos(2 * angle + sign) + angle * 0.0001
+        points = (radius + own)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]) + shift
+        radial.append(np.linalg.norm(points, axis=1) - radius)
+
+        def gaps(c: Array, points: Array = points) -> Array:
+            return np.linalg.norm(points - c[:2], axis=1) - radius - c[2]
+
+        found = minimize(lambda c: 1e6 * float(np.sum(gaps(c) ** 2)), np.append(shift, more), tol=1e-12).x
+        about = gaps(np.append(found[:2], 0.0))
+        expected |= {f"F{name} max": about.max(), f"F{name} min": about.min(), f"radius {name}": found[2]}
+    circle = Circle(("X", "Y"), radius, np.tile(angle, 2), np.append(*radial)[None], np.repeat([1.0, -1.0], 60))
+    values = {k: v for k, (v, _) in of_circle(circle).items()}
+    for name in ("F+ max", "F+ min", "F- max", "F- min"):
+        assert values[name] == pytest.approx(expected[name], abs=2e-5), name  # of second order: 0.036^2 / 150 / 2
+    assert values["D"] == pytest.approx((expected["radius +"] + expected["radius -"]) / 2, abs=2e-5)
+    assert abs(float(np.mean(radial)) - values["D"]) > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("unit", "travel", "targets", "runs", "said"),
+    [
+        ("mm", 3000.0, 13, 1, ()),
+        ("mm", 3000.0, 9, 1, ("9 targets; the standard has at least 13",)),
+        ("mm", 1000.0, 5, 1, ("1 run from each side; the standard has 5",)),
+        ("mm", 1500.0, 7, 5, ("7 targets; the standard has at least 8",)),
+        ("rad", np.pi / 2, 3, 5, ()),
+        ("rad", np.pi, 4, 5, ("4 targets; the standard has at least 5 in 180",)),
+        ("rad", 2 * np.pi, 7, 5, ("7 targets; the standard has at least 8 in 360",)),
+    ],
+)
+def test_targets_and_runs_that_the_standard_has(
+    unit: str, travel: float, targets: int, runs: int, said: tuple[str, ...]
+) -> None:
+    q = travel * np.linspace(0, 1, targets) ** 1.1
+    none = np.zeros(targets)
+    axis = Axis(q, none, none, none, none, runs)
+    found = remarks(Positions("X", unit, q, none, None, none), axis)
+    assert len(found) == len(said)
+    assert all(words in line for words, line in zip(said, found, strict=True))
