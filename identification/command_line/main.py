@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NoReturn
 
 import click
 
@@ -32,7 +32,7 @@ from identification.command_line.console import (
     show_notes,
     working,
 )
-from identification.command_line.interruption import exit_code, interruption_behind, kept_of
+from identification.command_line.interruption import exit_code, interruption_behind, kept_of, last_word, unless_gone
 from identification.results.terminal import one_line
 
 if TYPE_CHECKING:
@@ -313,9 +313,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         found = error.format_message().rstrip(".")
         _fail(f"{name}: {found}{'' if found.endswith('?') else '.'} See {name} --help")
     except click.exceptions.Abort as error:
-        interruption = interruption_behind(error)
-        click.echo(f"stopped: {kept_of(interruption)}", err=True)
-        sys.exit(exit_code(interruption))
+        _stopped(interruption_behind(error))
     except BrokenPipeError:
         sys.exit(1)
     except MemoryError:
@@ -338,8 +336,16 @@ def _from_lack_of_memory(error: BaseException | None) -> bool:
     return any(words in str(error) for words in NO_MEMORY_WORDS) or _from_lack_of_memory(error.__cause__)
 
 
+def _stopped(interruption: KeyboardInterrupt | None) -> NoReturn:
+    last_word(f"stopped: {kept_of(interruption)}")
+    sys.exit(exit_code(interruption))
+
+
 def _fail(message: str, code: int = 2) -> None:
-    click.secho(f"error: {one_line(message)}", err=True, fg="red")
+    if interruption := interruption_behind(sys.exception()):  # a terminal was closed, and takes no output more
+        _stopped(interruption)
+    with unless_gone():
+        click.secho(f"error: {one_line(message)}", err=True, fg="red")
     sys.exit(code)
 
 
@@ -350,10 +356,11 @@ def entry() -> None:
             main()
         finally:
             sys.stdout.flush()
-    except OSError:  # the reader left, or the disk of a redirected output is full
+    except OSError as error:  # the reader left, or the disk of a redirected output is full
         # what is still buffered goes nowhere: the interpreter would report that it cannot flush it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
+        ended = error.__context__
+        sys.exit((isinstance(ended, SystemExit) and ended.code) or 1)
 
 
 if __name__ == "__main__":
