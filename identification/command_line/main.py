@@ -71,6 +71,7 @@ def describe(machine: str, survey: Path | None, json_file: OutputFile | None, dr
     its poses and tools, also when the measuring frame is unknown.
     """
     from identification import api
+    from identification.results.output_file import replaced_together, write_json
 
     if drawing is not None and drawing.path.suffix.lower() not in DRAWINGS:
         found = f"a drawing of type '{drawing.path.suffix}'"
@@ -83,11 +84,11 @@ def describe(machine: str, survey: Path | None, json_file: OutputFile | None, dr
         points = read_survey(survey, model, measured=False)
         show_notes(points.notes)
     description = api.describe(model, points)
-    if json_file is not None:
-        json_file.write_json(description.as_json())
-    if drawing is not None:
-        with drawing.replaced() as part:
-            description.draw(part)
+    with replaced_together(json_file, drawing) as (text, picture):
+        if text is not None:
+            write_json(description.as_json(), text)
+        if picture is not None:
+            description.draw(picture)
     say(description.summary())
 
 
@@ -120,16 +121,19 @@ def plan(
     SETUP may hold travels {joint: [low, high]}, tools [[x, y, z], ...], boxes to avoid, sight {station, facing,
     incidence}, instrument, frame, pace and sensors; mm, degrees and seconds.
     """
+    from errormodel.files import write_csv
     from identification import api
+    from identification.results.output_file import replaced_together, write_json
 
     model = read_model(machine)
     result = api.plan(
         model, points, setup=setup, noise=noise, criterion=criterion, seed=seed, progress=working
     )  # fmt: skip
-    if out is not None:
-        out.write_csv(result.poses)
-    if json_file is not None:
-        json_file.write_json(result.as_json())
+    with replaced_together(out, json_file) as (table, figures):
+        if table is not None:
+            write_csv(result.poses, table)
+        if figures is not None:
+            write_json(result.as_json(), figures)
     say(result.summary())
     if out is not None:
         say(f"\n{len(result.poses)} rows written to {out}")

@@ -1,6 +1,7 @@
 """The start of a process: Ctrl-C, SIGTERM and a terminal that is closed (SIGHUP) end it at any moment, with a word.
 
-So they do while modules load. Exit codes are 130, 143 and 129: 128 and the number of the signal. Standard streams that are closed are as the null device.
+So they do while modules load. Exit codes are 130, 143 and 129: 128 and the number of the signal. Standard streams that
+are closed are as the null device.
 """
 
 from __future__ import annotations
