@@ -263,8 +263,6 @@ def diagnose(machine: str, survey: Path, out: ResultsFolder) -> None:
 )
 def predict(folder: Path, points: Path, out: OutputFile, stream: bool) -> None:
     """Predict at POINTS from the FOLDER of a fit: position, volumetric error, standard uncertainty."""
-    import numpy as np
-
     from errormodel import read_survey
     from identification import api
 
@@ -279,8 +277,6 @@ def predict(folder: Path, points: Path, out: OutputFile, stream: bool) -> None:
     table = api.predict(saved, commands, progress=working)
     out.write_csv(table)
     say(f"{len(table)} predictions written to {out}")
-    if np.isfinite(commands.measured).any():
-        say("of the commands alone: what was measured there is not used")
     return None
 
 
