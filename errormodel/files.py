@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LOCK_WAIT_SECONDS = 60.0  # s to wait for another process that holds the lock; by judgement
+REMOVAL_SECONDS = 5.0  # s that Windows keeps a removed file which a virus scanner or an indexer looks at; by judgement
 LOCK_FILE = ".errormodel.lock"  # name of the lock file, on systems where a folder itself cannot be locked
 UNWRITABLE_CURE = "Give a place that can be written to"  # correction in messages about files that cannot be written
 # what a spreadsheet may run, and what would read back as such; in time that grows with the length, whatever the text
@@ -297,9 +298,18 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _handle(folder: Path) -> int:
-    if sys.platform == "win32":
-        return os.open(folder / LOCK_FILE, os.O_RDWR | os.O_CREAT)
-    return os.open(folder, os.O_RDONLY)
+    if sys.platform != "win32":
+        return os.open(folder, os.O_RDONLY)
+    path, until = folder / LOCK_FILE, time.monotonic() + REMOVAL_SECONDS
+    while True:
+        try:
+            return os.open(path, os.O_RDWR | os.O_CREAT)
+        except (
+            PermissionError
+        ):  # also while the file goes that another run has removed: that run's lock is no longer held
+            if not os.path.lexists(path) or time.monotonic() > until:
+                raise
+            time.sleep(0.005)
 
 
 def taken(handle: int) -> bool:

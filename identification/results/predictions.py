@@ -33,7 +33,7 @@ def predicted(stored: StoredFit, commands: Survey, progress: Progress = silent) 
 
 
 def notes_on(stored: StoredFit, commands: Survey) -> tuple[str, ...]:
-    """Sentences on commands: what their reading assumed, where they lie outside of what was measured, what is unused."""
+    """Sentences on commands: what their reading assumed, where they lie beyond what was measured, what is unused."""
     import numpy as np
 
     from identification.uncertainty.prediction import notes
