@@ -71,7 +71,7 @@ def describe(machine: str, survey: Path | None, json_file: OutputFile | None, dr
     its poses and tools, also when the measuring frame is unknown.
     """
     from identification import api
-    from identification.results.output_file import replaced_together, write_json
+    from identification.results.output_file import write_together
 
     if drawing is not None and drawing.path.suffix.lower() not in DRAWINGS:
         found = f"a drawing of type '{drawing.path.suffix}'"
@@ -84,11 +84,7 @@ def describe(machine: str, survey: Path | None, json_file: OutputFile | None, dr
         points = read_survey(survey, model, measured=False)
         show_notes(points.notes)
     description = api.describe(model, points)
-    with replaced_together(json_file, drawing) as (text, picture):
-        if text is not None:
-            write_json(description.as_json(), text)
-        if picture is not None:
-            description.draw(picture)
+    write_together((json_file, description.as_json()), (drawing, description.draw))
     say(description.summary())
 
 
@@ -121,19 +117,14 @@ def plan(
     SETUP may hold travels {joint: [low, high]}, tools [[x, y, z], ...], boxes to avoid, sight {station, facing,
     incidence}, instrument, frame, pace and sensors; mm, degrees and seconds.
     """
-    from errormodel.files import write_csv
     from identification import api
-    from identification.results.output_file import replaced_together, write_json
+    from identification.results.output_file import write_together
 
     model = read_model(machine)
     result = api.plan(
         model, points, setup=setup, noise=noise, criterion=criterion, seed=seed, progress=working
     )  # fmt: skip
-    with replaced_together(out, json_file) as (table, figures):
-        if table is not None:
-            write_csv(result.poses, table)
-        if figures is not None:
-            write_json(result.as_json(), figures)
+    write_together((out, result.poses), (json_file, result.as_json()))
     say(result.summary())
     if out is not None:
         say(f"\n{len(result.poses)} rows written to {out}")

@@ -154,6 +154,23 @@ def replaced_together(*files: OutputFile | None) -> Iterator[tuple[Path | None, 
                 record(folder, own)
 
 
+def write_together(*given: tuple[OutputFile | None, Any]) -> None:
+    """Write files of one run (see `replaced_together`), each with its content; those that are None are left out.
+
+    A content is a table, a function that writes to a path, or what JSON can hold.
+    """
+    with replaced_together(*(file for file, _ in given)) as parts:
+        for (_, content), part in zip(given, parts, strict=True):
+            if part is None:
+                continue
+            if callable(content):
+                content(part)
+            elif hasattr(content, "to_csv"):
+                write_csv(content, part)
+            else:
+                write_json(content, part)
+
+
 def check_name(path: Path) -> None:
     """Check that this system can have a file or folder of this name, in one line; InputError where it cannot."""
     new = (path, *(folder for folder in path.parents if not folder.exists()))

@@ -93,8 +93,9 @@ def test_nothing_writes_past_the_mechanism() -> None:
 
 def test_commands_write_single_files_through_their_outputs_only() -> None:
     """The plain writers are for what an output is about to be replaced by."""
-    written = 0
-    for file in sorted((ROOT / "identification/command_line").glob("*.py")):
+    files = sorted((ROOT / "identification/command_line").glob("*.py"))
+    assert files
+    for file in files:
         nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
         items = [item for node in nodes if isinstance(node, ast.With) for item in node.items]
         bound = [i.optional_vars for i in items if re.search(r"replaced(_together)?\(", ast.unparse(i.context_expr))]
@@ -102,8 +103,6 @@ def test_commands_write_single_files_through_their_outputs_only() -> None:
         for node in nodes:
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") in PLAIN_WRITERS:
                 assert ast.unparse(node.args[1]) in parts, f"{file.name}:{node.lineno}"
-                written += 1
-    assert written
 
 
 def test_the_search_for_writers_finds_them(tmp_path: Path) -> None:
