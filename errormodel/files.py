@@ -9,8 +9,8 @@ import re
 import stat
 import sys
 import time
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LOCK_WAIT_SECONDS = 60.0  # s to wait for another process that holds the lock; by judgement
+REMOVAL_SECONDS = 5.0  # s that Windows keeps a removed file which a virus scanner or an indexer looks at; by judgement
 LOCK_FILE = ".errormodel.lock"  # name of the lock file, on systems where a folder itself cannot be locked
 UNWRITABLE_CURE = "Give a place that can be written to"  # correction in messages about files that cannot be written
 # what a spreadsheet may run, and what would read back as such; in time that grows with the length, whatever the text
@@ -59,6 +60,42 @@ def replacing(path: Path | str) -> Iterator[Path]:
     finally:
         with suppress(OSError):  # where the folder cannot be written to, there is no file to remove
             part.unlink(missing_ok=True)
+
+
+@contextmanager
+def replacing_together(paths: Sequence[Path]) -> Iterator[list[Path]]:
+    """Temporary paths beside `paths` that replace them when the block ends without an error: all of them or none.
+
+    None is replaced before all are on the disk. A process that is killed while they are replaced leaves some of them
+    missing, never files of two runs side by side.
+
+    Raises
+    ------
+    InputError
+        See `replacing`; all files are as they were.
+    """
+    aside: dict[Path, Path] = {}
+    try:
+        with ExitStack() as stack:
+            parts = [stack.enter_context(replacing(path)) for path in paths]
+            yield parts
+            if len(paths) > 1:
+                for part in parts:
+                    flush(part)
+                for path in filter(Path.exists, paths):
+                    aside[path] = path.with_name(f".{path.stem}.{os.getpid()}.part.part{path.suffix}")
+                    try:
+                        path.rename(aside[path])
+                    except OSError as error:
+                        raise unwritable(path, error) from error
+    except BaseException:
+        for path, old in aside.items():
+            with suppress(FileNotFoundError):  # it was not moved yet
+                old.replace(path)
+        raise
+    for old in aside.values():
+        with suppress(OSError):  # a system that does not remove open files
+            old.unlink()
 
 
 def clear_parts(path: Path) -> None:
@@ -261,9 +298,18 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _handle(folder: Path) -> int:
-    if sys.platform == "win32":
-        return os.open(folder / LOCK_FILE, os.O_RDWR | os.O_CREAT)
-    return os.open(folder, os.O_RDONLY)
+    if sys.platform != "win32":
+        return os.open(folder, os.O_RDONLY)
+    path, until = folder / LOCK_FILE, time.monotonic() + REMOVAL_SECONDS
+    while True:
+        try:
+            return os.open(path, os.O_RDWR | os.O_CREAT)
+        except (
+            PermissionError
+        ):  # also while the file goes that another run has removed: that run's lock is no longer held
+            if not os.path.lexists(path) or time.monotonic() > until:
+                raise
+            time.sleep(0.005)
 
 
 def taken(handle: int) -> bool:

@@ -86,6 +86,7 @@ class SurveyRows:
     source : as the user gave it.
     files : those that are fitted (or, of commands, all), then those that are held out.
     channels : names of the channels that are read; see `errormodel.chain.Chain.channels`.
+    columns : columns of the files by the toolkit's names, those that are not read included.
     """
 
     source: Path
@@ -95,6 +96,7 @@ class SurveyRows:
     files: tuple[RowsOfFile, ...]
     channels: tuple[str, ...]
     measured: bool
+    columns: frozenset[str]
     notes: tuple[str, ...] = field(default=())
 
     @cached_property
@@ -272,7 +274,9 @@ def open_rows(
         raise document.error(("files",), "only test files", "Give at least one file the role fit")
     files.sort(key=lambda f: measured and f.entry.role == "test")
     stated = form.all_notes() if measured else []
-    return SurveyRows(path, machine, form, document, tuple(files), channels, measured, (*stated, *notes))
+    return SurveyRows(
+        path, machine, form, document, tuple(files), channels, measured, frozenset(named), (*stated, *notes)
+    )
 
 
 def _needed(plan: Plan, machine: Machine, channels: tuple[str, ...], measured: bool) -> Plan:

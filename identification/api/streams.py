@@ -108,14 +108,17 @@ def predict_stream(
     """
     from errormodel.files import write_parquet_blocks
     from errormodel.survey_rows import open_rows
+    from errormodel.surveys.columns import MEASURED
     from identification.api.uses import stored_of
+    from identification.results.predictions import UNUSED
     from identification.streaming.tables import Noted, predictions
 
     stored, noted = stored_of(fit), Noted()
     rows = open_rows(points, stored.chain.machine, measured=False)
     with steps("Predicting") as report:
         count = write_parquet_blocks(predictions(stored, rows, noted, report), out)
-    return count, (*stored.unlisted, *rows.notes, *noted.notes)
+    unused = (UNUSED,) if rows.columns.intersection(MEASURED) else ()
+    return count, (*stored.unlisted, *rows.notes, *noted.notes, *unused)
 
 
 def simulate_stream(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -122,12 +123,12 @@ def monitor(
         The recording is wrong, too small, or of another machine; the history is.
     """
     from errormodel.exceptions import InputError
-    from errormodel.files import locked
+    from errormodel.files import locked, write_text_atomic
     from identification.monitoring.history import SCHEMA
-    from identification.monitoring.monitor import monitored
+    from identification.monitoring.monitor import Monitored, monitored
     from identification.report.monitor import monitor_page
     from identification.results.monitor_result import MonitorResult
-    from identification.results.output_file import OutputFile
+    from identification.results.output_file import OutputFile, replaced_together, write_json
 
     if not 0 < rate < 0.5:
         raise InputError("rate", f"{rate:g}", "Write a share of cycles between 0 and 0.5, such as 0.01")
@@ -139,15 +140,20 @@ def monitor(
         figures.check()
         shown.check()
     data = survey_of(survey, saved.machine, progress)
+
+    @contextmanager
+    def pages(result: Monitored) -> Iterator[None]:
+        if not report:
+            yield
+            return
+        with replaced_together(figures, shown) as (figures_part, shown_part):
+            write_json(result.as_json(), figures_part)
+            write_text_atomic(monitor_page(result), shown_part)
+            yield
+
     # a fit that exchanges the folder waits until the history is closed
-    with (
-        progress("Fitting"),
-        locked(folder.resolve().parent),
-        monitored(folder, saved.stored, data, rate, accept) as result,
-    ):
-        if report:
-            figures.write_json(result.as_json())
-            shown.write_text(monitor_page(result))
+    with progress("Fitting"), locked(folder.resolve().parent):
+        result = monitored(folder, saved.stored, data, rate, accept, pages)
     return MonitorResult(result, shown.path if report else None)
 
 

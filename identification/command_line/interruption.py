@@ -1,8 +1,12 @@
-"""Interruptions by a signal, Ctrl-C or SIGTERM: found behind the errors that they became, and the exit code of each."""
+"""Interruptions by a signal, Ctrl-C, SIGTERM or SIGHUP: found behind the errors that they became, and how each ends."""
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 NOTHING_KEPT = "nothing was put in place"
 
@@ -22,3 +26,19 @@ def exit_code(interruption: KeyboardInterrupt | None) -> int:
 def kept_of(interruption: KeyboardInterrupt | None) -> str:
     """What is left of the work, as whoever was interrupted says it behind the number of the signal."""
     return str(interruption.args[1]) if interruption is not None and len(interruption.args) > 1 else NOTHING_KEPT
+
+
+def last_word(text: str) -> None:
+    """Write a line to stderr, if anyone is there."""
+    with unless_gone():
+        print(text, file=sys.stderr, flush=True)  # noqa: T201  click may not be loaded yet
+
+
+@contextmanager
+def unless_gone() -> Iterator[None]:
+    """Let a block write to stderr, unless nobody is there any more: a terminal that was closed takes nothing."""
+    try:
+        yield
+    except OSError:
+        # what is still buffered goes nowhere: the interpreter would make it another exit code
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NoReturn
 
 import click
 
@@ -32,7 +32,7 @@ from identification.command_line.console import (
     show_notes,
     working,
 )
-from identification.command_line.interruption import exit_code, interruption_behind, kept_of
+from identification.command_line.interruption import exit_code, interruption_behind, kept_of, last_word, unless_gone
 from identification.results.terminal import one_line
 
 if TYPE_CHECKING:
@@ -71,6 +71,7 @@ def describe(machine: str, survey: Path | None, json_file: OutputFile | None, dr
     its poses and tools, also when the measuring frame is unknown.
     """
     from identification import api
+    from identification.results.output_file import write_together
 
     if drawing is not None and drawing.path.suffix.lower() not in DRAWINGS:
         found = f"a drawing of type '{drawing.path.suffix}'"
@@ -83,11 +84,7 @@ def describe(machine: str, survey: Path | None, json_file: OutputFile | None, dr
         points = read_survey(survey, model, measured=False)
         show_notes(points.notes)
     description = api.describe(model, points)
-    if json_file is not None:
-        json_file.write_json(description.as_json())
-    if drawing is not None:
-        with drawing.replaced() as part:
-            description.draw(part)
+    write_together((json_file, description.as_json()), (drawing, description.draw))
     say(description.summary())
 
 
@@ -121,15 +118,13 @@ def plan(
     incidence}, instrument, frame, pace and sensors; mm, degrees and seconds.
     """
     from identification import api
+    from identification.results.output_file import write_together
 
     model = read_model(machine)
     result = api.plan(
         model, points, setup=setup, noise=noise, criterion=criterion, seed=seed, progress=working
     )  # fmt: skip
-    if out is not None:
-        out.write_csv(result.poses)
-    if json_file is not None:
-        json_file.write_json(result.as_json())
+    write_together((out, result.poses), (json_file, result.as_json()))
     say(result.summary())
     if out is not None:
         say(f"\n{len(result.poses)} rows written to {out}")
@@ -259,8 +254,6 @@ def diagnose(machine: str, survey: Path, out: ResultsFolder) -> None:
 )
 def predict(folder: Path, points: Path, out: OutputFile, stream: bool) -> None:
     """Predict at POINTS from the FOLDER of a fit: position, volumetric error, standard uncertainty."""
-    import numpy as np
-
     from errormodel import read_survey
     from identification import api
 
@@ -275,8 +268,6 @@ def predict(folder: Path, points: Path, out: OutputFile, stream: bool) -> None:
     table = api.predict(saved, commands, progress=working)
     out.write_csv(table)
     say(f"{len(table)} predictions written to {out}")
-    if np.isfinite(commands.measured).any():
-        say("of the commands alone: what was measured there is not used")
     return None
 
 
@@ -313,9 +304,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         found = error.format_message().rstrip(".")
         _fail(f"{name}: {found}{'' if found.endswith('?') else '.'} See {name} --help")
     except click.exceptions.Abort as error:
-        interruption = interruption_behind(error)
-        click.echo(f"stopped: {kept_of(interruption)}", err=True)
-        sys.exit(exit_code(interruption))
+        _stopped(interruption_behind(error))
     except BrokenPipeError:
         sys.exit(1)
     except MemoryError:
@@ -338,8 +327,16 @@ def _from_lack_of_memory(error: BaseException | None) -> bool:
     return any(words in str(error) for words in NO_MEMORY_WORDS) or _from_lack_of_memory(error.__cause__)
 
 
+def _stopped(interruption: KeyboardInterrupt | None) -> NoReturn:
+    last_word(f"stopped: {kept_of(interruption)}")
+    sys.exit(exit_code(interruption))
+
+
 def _fail(message: str, code: int = 2) -> None:
-    click.secho(f"error: {one_line(message)}", err=True, fg="red")
+    if interruption := interruption_behind(sys.exception()):  # a terminal was closed, and takes no output more
+        _stopped(interruption)
+    with unless_gone():
+        click.secho(f"error: {one_line(message)}", err=True, fg="red")
     sys.exit(code)
 
 
@@ -350,10 +347,11 @@ def entry() -> None:
             main()
         finally:
             sys.stdout.flush()
-    except OSError:  # the reader left, or the disk of a redirected output is full
+    except OSError as error:  # the reader left, or the disk of a redirected output is full
         # what is still buffered goes nowhere: the interpreter would report that it cannot flush it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
+        ended = error.__context__
+        sys.exit((isinstance(ended, SystemExit) and ended.code) or 1)
 
 
 if __name__ == "__main__":

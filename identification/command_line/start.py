@@ -1,6 +1,7 @@
-"""The start of a process: Ctrl-C and SIGTERM end it with a word at any moment, while modules load too.
+"""The start of a process: Ctrl-C, SIGTERM and a terminal that is closed (SIGHUP) end it at any moment, with a word.
 
-Exit codes are 130 and 143: 128 and the number of the signal. Standard streams that are closed are as the null device.
+So they do while modules load. Exit codes are 130, 143 and 129: 128 and the number of the signal. Standard streams that
+are closed are as the null device.
 """
 
 from __future__ import annotations
@@ -9,22 +10,24 @@ import os
 import signal
 import sys
 import threading
+from contextlib import suppress
 from types import FrameType
 
-from identification.command_line.interruption import exit_code, interruption_behind
+from identification.command_line.interruption import exit_code, interruption_behind, last_word
 
 PATIENCE_S = 5.0  # s after a signal; a library may have lost the interruption, or a thread goes on; by judgement
+ENDING = ("SIGINT", "SIGTERM", "SIGHUP")  # signals, of which Windows lacks the last
 WORD = "stopped: what was not finished was not put in place"
 
 
 def entry() -> None:
     """Run the command line as a process of its own."""
     try:
-        # a parent that ignores interruptions, such as nohup, goes before
-        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            signal.signal(signal.SIGINT, _interrupted)
-        if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-            signal.signal(signal.SIGTERM, _interrupted)
+        # a parent that ignores one of them, such as nohup, goes before
+        for name in ENDING:
+            number = getattr(signal, name, None)
+            if number is not None and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+                signal.signal(number, _interrupted)
         _open_closed_streams()
         from identification.command_line.main import entry as run
 
@@ -39,7 +42,7 @@ def entry() -> None:
 
 
 def _say_so(interruption: KeyboardInterrupt) -> None:
-    print(f"\n{WORD}", file=sys.stderr)  # noqa: T201  click may not be loaded yet
+    last_word(f"\n{WORD}")
     sys.exit(exit_code(interruption))
 
 
@@ -66,7 +69,8 @@ def _interrupted(signum: int, frame: FrameType | None) -> None:
 
 def _end(code: int) -> None:
     """End the process: results are exchanged whole or not at all, whenever that happens."""
-    os.write(2, f"\n{WORD}\n".encode())
+    with suppress(OSError):  # a terminal that was closed
+        os.write(2, f"\n{WORD}\n".encode())
     os._exit(code)
 
 

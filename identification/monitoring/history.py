@@ -90,6 +90,10 @@ class History:
         self.records.append(record)
         return record
 
+    def commit(self) -> None:
+        """Keep what was added and accepted, whatever happens afterwards."""
+        self.connection.execute("commit")
+
     def accept(self, record: Record) -> Record:
         """Take a cycle that raised an alarm into the normal range."""
         self.connection.execute("update cycles set accepted = 1 where number = ?", (record.number,))
@@ -104,7 +108,7 @@ CYCLE_COLUMNS = "number, digest, source, status, accepted, flagged, estimates, c
 
 @contextmanager
 def opened(path: Path, model: str) -> Iterator[History]:
-    """Open and lock the history at `path`, created if missing; commit if the block ends without an error.
+    """Open and lock the history at `path`, created if missing; what the block does not commit is not kept.
 
     Raises
     ------
@@ -124,13 +128,13 @@ def opened(path: Path, model: str) -> Iterator[History]:
             except (ValueError, KeyError, TypeError) as error:
                 raise InputError(str(path), f"it cannot be read as a history ({error})", CURE) from error
             yield history
-            connection.execute("commit")
     except sqlite3.OperationalError as error:
         if "locked" in str(error):
             raise ErrorModelError(
                 f"{path}: another run has held the history for {LOCK_TIMEOUT_S:.0f} s. Try again"
             ) from error
-        raise InputError(str(path), f"it cannot be opened ({error})", "Give a folder that can be written to") from error
+        found = f"it cannot be opened or written to ({error})"
+        raise InputError(str(path), found, "Give a folder that can be written to, with space on its disk") from error
     except sqlite3.DatabaseError as error:
         raise InputError(str(path), f"it is damaged, or no history ({error})", CURE) from error
 

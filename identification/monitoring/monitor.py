@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -101,9 +101,15 @@ class Monitored:
         }  # fmt: skip
 
 
-@contextmanager
-def monitored(folder: Path, stored: StoredFit, survey: Survey, rate: float, accept: bool) -> Iterator[Monitored]:
-    """Fit a survey as a cycle, compare it with the history in `folder`, and store it if the block raises no error.
+def monitored(
+    folder: Path,
+    stored: StoredFit,
+    survey: Survey,
+    rate: float,
+    accept: bool,
+    shown: Callable[[Monitored], AbstractContextManager[object]] = nullcontext,
+) -> Monitored:
+    """Fit a survey as a cycle, compare it with the history in `folder`, and store it there.
 
     A cycle in alarm is stored, but belongs to the normal range only if it is accepted, now or later.
 
@@ -113,6 +119,7 @@ def monitored(folder: Path, stored: StoredFit, survey: Survey, rate: float, acce
     survey : rows of the new cycle.
     rate : false alarms per cycle, all charts together.
     accept : whether a cycle in alarm is taken into the normal range.
+    shown : writes pages of the cycle beside their places; the cycle is stored in its context, which puts them in place.
 
     Raises
     ------
@@ -132,7 +139,10 @@ def monitored(folder: Path, stored: StoredFit, survey: Survey, rate: float, acce
         record = known or history.add(_record(digest, survey, judged, what, cycle))
         if accept and not record.normal:
             record = history.accept(record)
-        yield Monitored(stored, what, record, judged, said, tuple(history.records), known is not None, survey.record)
+        made = Monitored(stored, what, record, judged, said, tuple(history.records), known is not None, survey.record)
+        with shown(made):
+            history.commit()
+    return made
 
 
 def _record(digest: str, survey: Survey, judged: Judged, what: tuple[Watched, ...], cycle: Cycle) -> Record:

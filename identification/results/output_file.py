@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,7 @@ from errormodel.files import (
     impossible_on_windows,
     locked,
     plain_mode,
-    replacing,
+    replacing_together,
     sha256,
     unwritable,
     write_csv,
@@ -93,18 +93,9 @@ class OutputFile:
         InputError
             See `check`; or the place cannot be written to.
         """
-        self.check()
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise unwritable(self.path, error) from error
-        with locked(self.path.parent), replacing(self.path) as part:
-            for path in (self.path, self.path.parent / RECORD_NAME):
-                clear_parts(path)
+        with replaced_together(self) as (part,):
+            assert part is not None
             yield part
-            self.check()
-            with suppress(InputError):  # in a foreign folder: the file is then not replaced again
-                record(self.path, sha256(part))
 
     def write_text(self, text: str) -> None:
         """Write UTF-8 text (see `replaced`)."""
@@ -113,14 +104,71 @@ class OutputFile:
 
     def write_json(self, data: Any) -> None:
         """Write JSON with NaN as null (see `replaced`)."""
-        from identification.results.json_text import dumps
-
-        self.write_text(dumps(data))
+        with self.replaced() as part:
+            write_json(data, part)
 
     def write_csv(self, frame: pd.DataFrame) -> None:
         """Write a table (see `replaced`)."""
         with self.replaced() as part:
             write_csv(frame, part)
+
+
+def write_json(data: Any, path: Path) -> None:
+    """Write JSON with NaN as null."""
+    from identification.results.json_text import dumps
+
+    write_text_atomic(dumps(data), path)
+
+
+@contextmanager
+def replaced_together(*files: OutputFile | None) -> Iterator[tuple[Path | None, ...]]:
+    """Paths to write to, None for None; they replace the files when the block ends without an error, all or none.
+
+    Raises
+    ------
+    InputError
+        See `OutputFile.check`; or a place cannot be written to.
+    """
+    written = [file for file in files if file is not None]
+    for file in written:
+        file.check()
+        try:
+            file.path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise unwritable(file.path, error) from error
+    folders = sorted({file.path.parent.resolve() for file in written})
+    with ExitStack() as stack:
+        for folder in folders:
+            stack.enter_context(locked(folder))
+        parts = stack.enter_context(replacing_together([file.path for file in written]))
+        for file in written:
+            for path in (file.path, file.path.parent / RECORD_NAME):
+                clear_parts(path)
+        of = dict(zip(map(id, written), parts, strict=True))
+        yield tuple(None if file is None else of[id(file)] for file in files)
+        for file in written:
+            file.check()
+        for folder in folders:
+            own = {f.path.name: sha256(p) for f, p in zip(written, parts, strict=True) if same(f.path.parent, folder)}
+            with suppress(InputError):  # in a foreign folder: the files are then not replaced again
+                record(folder, own)
+
+
+def write_together(*given: tuple[OutputFile | None, Any]) -> None:
+    """Write files of one run (see `replaced_together`), each with its content; those that are None are left out.
+
+    A content is a table, a function that writes to a path, or what JSON can hold.
+    """
+    with replaced_together(*(file for file, _ in given)) as parts:
+        for (_, content), part in zip(given, parts, strict=True):
+            if part is None:
+                continue
+            if callable(content):
+                content(part)
+            elif hasattr(content, "to_csv"):
+                write_csv(content, part)
+            else:
+                write_json(content, part)
 
 
 def check_name(path: Path) -> None:
@@ -159,13 +207,14 @@ def recorded(folder: Path) -> dict[str, set[str]]:
     return known
 
 
-def record(path: Path, digest: str) -> None:
-    """Add a file to the record of its folder; entries of missing files are dropped.
+def record(folder: Path, digests: Mapping[str, str]) -> None:
+    """Add files, by their names, to the record of their folder; entries of missing files are dropped.
 
-    The digest of the present file stays, since a run that is killed now leaves that file.
+    The digests of the present files stay, since a run that is killed now leaves those files.
     """
-    known = {name: digests for name, digests in recorded(path.parent).items() if (path.parent / name).exists()}
-    here = {sha256(path)} if path.exists() else set()
-    known[path.name] = (known.get(path.name, set()) & here) | {digest}
+    known = {name: old for name, old in recorded(folder).items() if (folder / name).exists()}
+    for name, digest in digests.items():
+        here = {sha256(folder / name)} if (folder / name).exists() else set()
+        known[name] = (known.get(name, set()) & here) | {digest}
     lines = [f"{d}  {name}\n" for name in sorted(known) for d in sorted(known[name])]
-    write_text_atomic("".join(lines), path.parent / RECORD_NAME)
+    write_text_atomic("".join(lines), folder / RECORD_NAME)

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from errormodel.survey import Survey
     from identification.results.stored_fit import StoredFit
 
+UNUSED = "predicted from the commands alone: what was measured there is not used"
+
 
 def predicted(stored: StoredFit, commands: Survey, progress: Progress = silent) -> pd.DataFrame:
     """The commands with what is predicted there; ``attrs`` has the units, and notes on what was assumed."""
@@ -31,7 +33,10 @@ def predicted(stored: StoredFit, commands: Survey, progress: Progress = silent) 
 
 
 def notes_on(stored: StoredFit, commands: Survey) -> tuple[str, ...]:
-    """Sentences on commands: what their reading assumed, and where they lie outside of what was measured."""
+    """Sentences on commands: what their reading assumed, where they lie beyond what was measured, what is unused."""
+    import numpy as np
+
     from identification.uncertainty.prediction import notes
 
-    return (*commands.notes, *notes(stored, commands))
+    unused = (UNUSED,) if np.isfinite(commands.measured).any() else ()
+    return (*commands.notes, *notes(stored, commands), *unused)

@@ -254,9 +254,10 @@ class _Pool:
 
 
 def _begin() -> None:
-    """The start of a worker: Ctrl-C is the parent's, and the worker does not outlive it."""
-    with suppress(ValueError):
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """The start of a worker: Ctrl-C and a closed terminal are the parent's, and the worker does not outlive it."""
+    for name in ("SIGINT", "SIGHUP"):  # Windows lacks the second
+        with suppress(ValueError, AttributeError):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
 

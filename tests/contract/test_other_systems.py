@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -90,6 +91,27 @@ def test_windows_rules_for_files_change_no_byte(plain: Path, tmp_path: Path, mon
     for words in WORK:
         done(*words)
     assert differing(tmp_path, plain) == set()
+
+
+@LINUX
+@pytest.mark.parametrize("pending", [True, False], ids=["it is waited for", "the folder is read-only"])
+def test_a_lock_that_windows_is_about_to_remove(pending: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """While a scanner looks at the removed file it can neither be opened nor made: no reason to do without the lock."""
+    obey(monkeypatch)
+    path, opening, asked, held = tmp_path / files.LOCK_FILE, os.open, [0], list[int]()
+    if pending:
+        path.touch()
+
+    def refused(name: Any, *more: Any) -> int:
+        asked[0] += 1
+        if asked[0] < 4 or not pending:
+            raise PermissionError(errno.EACCES, "Permission denied", str(name))
+        return opening(name, *more)
+
+    monkeypatch.setattr(os, "open", refused)
+    monkeypatch.setattr(files, "taken", lambda handle: not held.append(handle))
+    with files.locked(tmp_path):
+        assert (asked, len(held)) == (([4], 1) if pending else ([1], 0))
 
 
 @LINUX

@@ -61,6 +61,7 @@ FUNCTIONS = {
     "sqlite3": {"connect"},
     "h5netcdf": {"File"},
 }
+PLAIN_WRITERS = ("write_text_atomic", "write_csv", "write_json")
 OUTPUTS = ("out", "json_file", "figures", "shown")  # names of output files in commands
 
 
@@ -91,11 +92,17 @@ def test_nothing_writes_past_the_mechanism() -> None:
 
 
 def test_commands_write_single_files_through_their_outputs_only() -> None:
-    """The plain writers are for folders that are about to be exchanged (`part`) alone."""
-    for file in sorted((ROOT / "identification").glob("cli*.py")):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("write_text_atomic", "write_csv"):
-                assert ast.unparse(node.args[1]).startswith("part / "), f"{file.name}:{node.lineno}"
+    """The plain writers are for what an output is about to be replaced by."""
+    files = sorted((ROOT / "identification/command_line").glob("*.py"))
+    assert files
+    for file in files:
+        nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+        items = [item for node in nodes if isinstance(node, ast.With) for item in node.items]
+        bound = [i.optional_vars for i in items if re.search(r"replaced(_together)?\(", ast.unparse(i.context_expr))]
+        parts = {name.id for given in bound if given for name in ast.walk(given) if isinstance(name, ast.Name)}
+        for node in nodes:
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") in PLAIN_WRITERS:
+                assert ast.unparse(node.args[1]) in parts, f"{file.name}:{node.lineno}"
 
 
 def test_the_search_for_writers_finds_them(tmp_path: Path) -> None:

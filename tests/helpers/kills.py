@@ -32,7 +32,7 @@ OPERATIONS = {"os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link", "os.c
 RECORDS = (".errormodel.sha256", ".errormodel.lock")  # lists of the files that were written: of any state
 KNOWN = b", which the history has already"  # what `monitor` says of a cycle that a killed run had taken in
 KILLED_INDEED = 20  # one point of each kind in so many: at the others the command is halted and looked at
-PATIENCE_S = 300.0  # s that a command may take on a busy computer
+PATIENCE_S = 1800.0  # s that a command may take on a busy computer
 
 
 @dataclass(frozen=True)
@@ -46,15 +46,19 @@ class Case:
         The file or folder that both write.
     whole : bool
         Whether the target changes as a whole; otherwise each of its files does.
+    together : names
+        Files of the target that are of one run, as far as they are there.
     """
 
     first: tuple[object, ...]
     second: tuple[object, ...]
     target: str
     whole: bool = True
+    together: tuple[str, ...] = ()
 
 
 SURVEYS = ("one.csv", "two.csv")
+PAGES = ("watched/monitor.json", "watched/monitor.html")
 BRIDGE = "bridge_cmm"
 
 
@@ -66,7 +70,7 @@ def _each(target: str, words: Callable[[str, str], tuple[object, ...]], whole: b
 
 CASES = {
     "fit": _each("fitted", lambda survey, _: ("fit", MILL, survey)),
-    "bayes": _each("posterior", lambda survey, _: ("fit", MILL, survey, "--robust", "--bayes")),
+    "bayes": _each("posterior", lambda survey, _: ("fit", MILL, survey, "--bayes")),
     "diagnose": _each("found", lambda survey, _: ("diagnose", MILL, survey)),
     "thermal": _each("drift", lambda survey, _: ("thermal", BRIDGE, survey.replace(".csv", "_thermal.yaml"))),
     "predict": _each("p.csv", lambda _, fit: ("predict", fit, "one.csv")),
@@ -80,7 +84,9 @@ CASES = {
         "made.csv", lambda survey, _: ("simulate", MILL, 20 + len(survey), "--seed", int(survey == "two.csv"))
     ),
     "plan": _each("plan.csv", lambda survey, _: ("plan", MILL, "--points", 14, "--seed", int(survey == "two.csv"))),
-    "monitor": Case(("monitor", "watched", "one.csv"), ("monitor", "watched", "two.csv"), "watched", whole=False),
+    "monitor": Case(
+        ("monitor", "watched", "one.csv"), ("monitor", "watched", "two.csv"), "watched", whole=False, together=PAGES
+    ),
     "fleet": _each("fleet", lambda _, fit: ("fleet", f"{fit}_list.csv", "--workers", 1), whole=False),
     "register": _each(
         "warm.csv",
@@ -264,6 +270,9 @@ def faults(case: Case, place: Path, old: dict[str, object], new: dict[str, objec
     for name, content in apart.items():
         if content not in (old.get(name), new.get(name)):
             yield f"{name} is neither the old nor the new one"
+    there = [name for name in case.together if name in apart]
+    if not any(all(apart[n] == of.get(n) for n in there) for of in (old, new)):
+        yield f"{' and '.join(there)} are of two runs"
     outside = {n: c for n, c in here.items() if n not in apart}
     if outside != {n: c for n, c in old.items() if n not in of_target(old, case)}:
         yield "a file outside the results was touched"

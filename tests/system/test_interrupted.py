@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: a word on stderr and 130 or 143, at any moment; nothing half-written, no process left."""
+"""Ctrl-C, SIGTERM, a closed terminal: a word on stderr, 130, 143 or 129, at any moment; nothing left, no process."""
 
 from __future__ import annotations
 
@@ -62,8 +62,12 @@ identification.report.report = lambda *_: (print('up', flush=True), time.sleep(6
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_report_that_is_stopped_leaves_nothing(number: signal.Signals, tmp_path: Path) -> None:
+ENDING = ["SIGINT", "SIGTERM", "SIGHUP"]
+
+
+@pytest.mark.parametrize("name", ENDING)
+def test_a_report_that_is_stopped_leaves_nothing(name: str, tmp_path: Path) -> None:
+    number = getattr(signal, name)
     done("simulate", MILL, 40, "--noise", 0.002, "--out", tmp_path / "s.csv")
     process = started(DRAWING, "fit", MILL, tmp_path / "s.csv", "--out", tmp_path / "out")
     assert process.stdout is not None
@@ -94,8 +98,9 @@ start.entry()
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interruption_that_is_lost_ends_the_process_all_the_same(number: signal.Signals) -> None:
+@pytest.mark.parametrize("name", ENDING)
+def test_an_interruption_that_is_lost_ends_the_process_all_the_same(name: str) -> None:
+    number = getattr(signal, name)
     process = started(LOST)
     assert process.stdout is not None
     process.stdout.readline()
@@ -115,12 +120,54 @@ def test_an_interruption_that_a_library_makes_an_error_of_its_own_is_one() -> No
     assert "Traceback" not in err
 
 
-def test_a_parent_that_ignores_interruptions_goes_before(tmp_path: Path) -> None:
-    ignoring = f"import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); {START}"
+@pytest.mark.parametrize("name", ENDING)
+def test_a_parent_that_ignores_them_goes_before(name: str, tmp_path: Path) -> None:
+    """As nohup ignores that a terminal is closed."""
+    ignoring = f"import signal; signal.signal(signal.{name}, signal.SIG_IGN); {START}"
     process = started(ignoring, "simulate", MILL, 5, "--out", tmp_path / "p.csv")
     assert process.stdout is not None
     process.stdout.readline()
-    process.send_signal(signal.SIGINT)
+    process.send_signal(getattr(signal, name))
     process.communicate(timeout=60)
     assert process.returncode == 0
     assert tree(tmp_path)
+
+
+AT_A_TERMINAL = """
+import os, sys
+os.close(os.open(os.ttyname(0), os.O_RDWR))  # which makes it the terminal of this session
+up = int(sys.argv.pop(1))
+"""
+WRITING_THERE = f"""{AT_A_TERMINAL}
+import time, identification.report
+def report(*_):
+    os.write(up, b"up")
+    while True:
+        print("at work", flush=True)  # an error once the terminal is closed
+        time.sleep(0.01)
+identification.report.report = report
+from identification.command_line.start import entry
+entry()
+"""
+LOST_THERE = AT_A_TERMINAL + LOST.replace('print("up", flush=True)', 'os.write(up, b"up")')
+
+
+@pytest.mark.parametrize("program", [WRITING_THERE, LOST_THERE], ids=["writing there", "lost"])
+def test_a_terminal_that_is_closed(program: str, tmp_path: Path) -> None:
+    """Nobody takes the word there, which changes neither the exit code nor what is left."""
+    done("simulate", MILL, 40, "--noise", 0.002, "--out", tmp_path / "s.csv")
+    terminal, its = os.openpty()
+    reading, writing = os.pipe()
+    words = [writing, "fit", MILL, tmp_path / "s.csv", "--out", tmp_path / "out"]
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, *map(str, words)], stdin=its, stdout=its, stderr=its, pass_fds=[writing],
+        start_new_session=True, env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    os.close(its)
+    os.close(writing)
+    with os.fdopen(reading, "rb") as pipe:
+        assert pipe.read(2) == b"up"
+        os.close(terminal)
+        assert process.wait(timeout=SOON_S) == 129
+    assert not left_of(process.pid)
+    assert {p.name for p in tmp_path.iterdir()} == {".errormodel.sha256", "s.csv"}

@@ -68,8 +68,7 @@ def look(folder: Path, table: pd.DataFrame, path: Path, accept: bool = False) ->
     """What `monitor` does, without the page."""
     write_csv(table, path)
     kept = store.load(folder)
-    with stage.monitored(folder, kept, read_survey(path, kept.chain.machine), 0.01, accept) as result:
-        return result
+    return stage.monitored(folder, kept, read_survey(path, kept.chain.machine), 0.01, accept)
 
 
 @pytest.fixture
@@ -249,6 +248,7 @@ def test_cycles_from_several_runs_at_once_are_all_kept(tmp_path):
     def add(number: int) -> None:
         with opened(tmp_path / "h.sqlite", "model") as history:
             history.add(record(str(number)))
+            history.commit()
 
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(add, range(24)))

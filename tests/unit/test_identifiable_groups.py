@@ -235,6 +235,18 @@ def test_equally_weak_directions_do_not_stall() -> None:
     assert found.base.tolist() == [0, 1, 3]
 
 
+@pytest.mark.parametrize(("share", "base"), [(0.02, "link"), (0.002, "joint")])
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e3])
+def test_what_is_hardly_seen_names_no_group(share: float, base: str, unit: float) -> None:
+    """A link that turns a point of 200 mm lever moves it by 1 mm of travel: the joint's own error is seen whole."""
+    moved = np.linspace(-1.0, 1.0, 9)
+    design = unit * np.column_stack([share * moved, moved])
+    scale = unit * np.linalg.norm(moved) * np.ones(2)
+    groups = find_groups(design, ["link", "joint"], scale, [0, 1])
+    assert groups.rank == 1
+    assert next(iter(groups.members(0))) == base
+
+
 def test_nothing_stands_above_the_noise() -> None:
     found = plain_groups(np.eye(4), 2.0)
     assert (found.rank, found.condition, found.coefficients.shape) == (0, 1.0, (0, 4))
