@@ -6,6 +6,8 @@ poses are readings, each with its own command.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from errormodel.arrays import Array, Index
@@ -70,6 +72,14 @@ def rests_of(commands: SourceFile, chain: Chain) -> Index | None:
     if (moved > STAYS * np.ptp(joints, axis=0).max()).any():
         return None
     return np.asarray((rests.first + rests.last) // 2)
+
+
+def at_rows(commands: SourceFile, rows: Index) -> SourceFile:
+    """A file of commands with some of its rows only."""
+    recording = commands.recording
+    lines = tuple(recording.lines[k] for k in rows) if recording.lines else ()
+    frame = recording.frame.iloc[rows].reset_index(drop=True)
+    return replace(commands, recording=replace(recording, frame=frame, lines=lines, again=()))
 
 
 def _path(commands: SourceFile, chain: Chain) -> Array:

@@ -130,7 +130,7 @@ def pair(source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: 
         notes += left_over(source, commands, command, first)
     else:
         every = np.arange(commands.rows)  # no command on the way was to be measured
-        notes += [*left_over(source, commands, command, first, every), *_rest_notes(commands, rests, command)]
+        notes += [*left_over(source, commands, command, first, every), *rest_notes(commands, rests, command)]
     out = Pairs(
         command[kept], first[kept], last[kept], found.how, tuple(notes), len(command), commands.rows, {}, found.offset
     )
@@ -204,7 +204,10 @@ def _match(
         when = source.column("time")
         centre = np.array([np.nanmean(when[a : b + 1]) for a, b in zip(first, last, strict=True)])
         same = source.recording.dated and commands.recording.dated
-        return by_time(path, commands.column("time"), points, when, centre, same_clock=same, name=commands.raw.name)
+        return by_time(
+            path, commands.column("time"), points, when, centre, same_clock=same, name=commands.raw.name,
+            measured=source.raw.name,
+        )  # fmt: skip
     if how in ("auto", "order"):
         found = by_order(len(first), commands.rows, path, middle, commands.recording.again)
         if found is None and rests is not None:
@@ -220,7 +223,7 @@ def _match(
     return _nearest(source, commands, path, middle, seed, rests)
 
 
-def _rest_notes(commands: SourceFile, rests: Index, command: Index) -> list[str]:
+def rest_notes(commands: SourceFile, rests: Index, command: Index) -> list[str]:
     """That only rests of a log were joined, and which were not measured."""
     idle = np.setdiff1d(rests, command)
     notes = [f"{counted(len(rests), 'rest')} in a log of {commands.rows} commands: readings are taken there"]
