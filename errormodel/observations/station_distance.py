@@ -85,12 +85,12 @@ class StationDistance(Observation):
         if not found:
             return found
         place = np.array([{**known, **found}[n] for n in (*"xyz", "dead_path")])
-        if "x" in known:
-            if (beside := elsewhere(points[0], readings, place)) is not None:
-                raise StepError(
-                    f"lengths that are not from [{', '.join(f'{v:.1f}' for v in place[:3])}], where the file or the other "
-                    f"rows put the station, but from {beside.text} beside it: it was moved. {TWO_STATIONS}"
-                )
+        if "x" in known and (beside := elsewhere(points[0], readings, place)) is not None:
+            at = ", ".join(f"{v:.1f}" for v in place[:3])
+            raise StepError(
+                f"lengths that are not from [{at}], where the file or the other rows put the station, but from "
+                f"{beside.text} beside it: it was moved. {TWO_STATIONS}"
+            )
         steps = interruptions(points[0], readings, place)
         if "x" not in known and (moved := moves(points[0], readings, known, self.near, 0.0 if steps else MOVED)):
             raise StepError(_steps(moved, len(readings)))
@@ -116,9 +116,13 @@ class StationDistance(Observation):
 def _steps(moved: Sequence[Move], count: int) -> str:
     """What happened before which readings, and what to write."""
     if all(m.counter_only for m in moved):
-        some = "; ".join(f"from reading {m.first + 1} of {count} on {abs(m.longer):.3g} mm {_than(m.longer)}" for m in moved)
+        some = "; ".join(
+            f"from reading {m.first + 1} of {count} on {abs(m.longer):.3g} mm {_than(m.longer)}" for m in moved
+        )
         return f"lengths that change by a step, {some} than before: {LOST}"
-    some = "; ".join(f"from reading {m.first + 1} of {count} on they fit a place {m.text} beside the one before" for m in moved)
+    some = "; ".join(
+        f"from reading {m.first + 1} of {count} on they fit a place {m.text} beside the one before" for m in moved
+    )
     return f"lengths of a station that was moved: {some}. {TWO_STATIONS}"
 
 

@@ -1,7 +1,7 @@
 """Tables of positioning tests (ISO 230-2) with their runs side by side: a row (or a column) a target position.
 
-``1↑ 1↓ 2↑ 2↓``, ``Run 1 +``, ``F1 B1``, ``vor 1 zurück 1``: each run of each direction is a column, or a row of the same
-table the other way round. Columns of means and of other results are passed over.
+``1↑ 1↓ 2↑ 2↓``, ``Run 1 +``, ``F1 B1``, ``vor 1 zurück 1``: each run of each direction is a column, or a row of the
+same table the other way round. Columns of means and of other results are passed over.
 """
 
 from __future__ import annotations
@@ -84,8 +84,11 @@ class PositioningRuns(RawFormat):
             if bare:
                 found = f"runs side by side of which it does not say the direction: {', '.join(bare[:6])}"
             one, two = (*bare, "A", "B")[:2]
-            cure = f"Say it run by run: --columns 1+={one},1-={two},2+=.. where they went there and back, 1+={one},2+={two},.. "
-            cure += "where all came from smaller positions (- from larger ones); target=.. is the column of the positions"
+            cure = f"Say it run by run: --columns 1+={one},1-={two},2+=.. where they went there and back, "
+            cure += f"1+={one},2+={two},.. "
+            cure += (
+                "where all came from smaller positions (- from larger ones); target=.. is the column of the positions"
+            )
             raise InputError(raw.name, found, cure)
         stated = unit_word(asked.units.get("target", runs.target_unit or "mm"))
         joint = joint_for(raw.name, asked, axis_in(runs.hint), rotary=is_unit(stated, "angle"))

@@ -10,6 +10,7 @@ from errormodel.exceptions import InputError
 SHARE = 4  # the first and the last of so many parts of a recording are joined for themselves
 STEPS = 10.0  # intervals of the slower clock: offsets of two parts that are nearer are one
 BETTER = 2.0  # times smaller must the differences of the speeds be with two offsets than with the better of them
+PAUSE = 5.0  # times the usual interval of a recording
 NEAR = 0.25  # of the usual time between two poses: so near does a reading lie at its command
 FEWEST = 3  # readings behind a jump
 CURE = (
@@ -30,7 +31,9 @@ def refuse_backwards(when: Array, name: str, rows: Index | None = None) -> None:
     if len(back):
         k = seen[back[0] + 1]
         row = (k if rows is None else rows[k]) + 1
-        found = f"its clock goes back by {when[seen[back[0]]] - when[k]:.4g} s before row {row}: it was set, or the rows "
+        found = (
+            f"its clock goes back by {when[seen[back[0]]] - when[k]:.4g} s before row {row}: it was set, or the rows "
+        )
         raise InputError(name, f"{found}are in another order", CURE)
 
 
@@ -48,6 +51,9 @@ def speeds_part(
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     moved = np.linalg.norm(np.diff(points, axis=0), axis=1)
     off = [np.abs(moved - np.diff(np.interp(when - offset, command_times, way))) for offset in offsets]
+    steps = np.diff(when)
+    for own in off:
+        own[steps > PAUSE * np.median(steps)] = 0.0  # a pause, or the jump itself, says nothing of speeds
     both = np.append(0.0, np.cumsum(off[0])) + np.append(np.cumsum(off[1][::-1])[::-1], 0.0)
     at = int(np.argmin(both))
     if both[at] * BETTER > min(float(off[0].sum()), float(off[1].sum())) or not 0 < at < len(off[0]):

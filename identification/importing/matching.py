@@ -129,8 +129,8 @@ def by_time(
             f"{name}, row {row + 1}", "a time that is missing or earlier than the one before", "Join by order"
         )
     if len(command_times) > DENSE * len(middle):
-        offset = speed_offset(path, command_times, points, when)
         _refuse_two_offsets(path, command_times, points, when, measured, name)
+        offset = speed_offset(path, command_times, points, when)
         if offset is None:
             raise InputError(name, "its motions and those measured do not resemble each other in time", "Join by order")
         at = np.searchsorted(command_times, middle - offset, side="right") - 1
@@ -148,26 +148,33 @@ def by_time(
     jump = listed_jump(command_times, middle, command, offset)
     if jump is not None:
         row = int(np.argmin(np.abs(when - middle[jump[0]])))
-        refuse_jump(f"readings of which one offset joins {int((~far).sum())} of {len(far)}", jump[1], row, measured, name)
+        refuse_jump(
+            f"readings of which one offset joins {int((~far).sum())} of {len(far)}", jump[1], row, measured, name
+        )
     return Matched(command, "time", offset)
 
 
 def _refuse_two_offsets(
     path: Array, command_times: Array, points: Array, when: Array, measured: str, name: str
 ) -> None:
-    """InputError where the first and the last part of a recording have two offsets, which join it far better than one."""
+    """InputError where two offsets, of the first and the last part of a recording, join it far better than one."""
     good = np.flatnonzero(np.isfinite(points).all(axis=1) & np.isfinite(when))
     size = len(good) // SHARE
     if size < SHARE:
         return
-    ends = [speed_offset(path, command_times, points[part], when[part]) for part in (good[:size], good[-size:])]
-    first, last = ends
-    if first is None or last is None:
+    ends = [_rough_offset(path, command_times, points[part], when[part]) for part in (good[:size], good[-size:])]
+    if ends[0] is None or ends[1] is None:
         return
-    step = max(float(np.median(np.diff(command_times))), float(np.median(np.diff(when[good]))))
+    (first, step), (last, _) = ends
     if abs(first - last) < STEPS * step:
         return
     at = speeds_part(path, command_times, points[good], when[good], (first, last))
+    for _ in range(2 if at is not None else 0):  # of all that lies on either side, the offsets are known better
+        ends = [_rough_offset(path, command_times, points[part], when[part]) for part in (good[:at], good[at:])]
+        if at is None or ends[0] is None or ends[1] is None:
+            return
+        first, last = ends[0][0], ends[1][0]
+        at = speeds_part(path, command_times, points[good], when[good], (first, last))
     if at is not None:
         refuse_jump("two logs that no one offset joins", last - first, int(good[at]), measured, name)
 
@@ -190,6 +197,16 @@ def speed_offset(path: Array, command_times: Array, points: Array, when: Array) 
     A speed is the same in every frame. The correlation of both gives the offset to an interval of the slower clock, the
     alignment of the interpolated path then to a fraction of it. None where they do not correlate.
     """
+    found = _rough_offset(path, command_times, points, when)
+    if found is None:
+        return None
+    rough, step = found
+    good = np.isfinite(points).all(axis=1) & np.isfinite(when)
+    return _refined(path, command_times, points[good], when[good], rough, 2 * step)
+
+
+def _rough_offset(path: Array, command_times: Array, points: Array, when: Array) -> tuple[float, float] | None:
+    """The offset by the correlation of both speeds, and how near it is, s; None where they do not correlate."""
     from scipy.signal import correlate
 
     good = np.isfinite(points).all(axis=1) & np.isfinite(when)
@@ -207,8 +224,7 @@ def speed_offset(path: Array, command_times: Array, points: Array, when: Array) 
     at = int(np.argmax(share))
     if share[at] < 0.3:
         return None
-    rough = (at - (len(a) - 1)) * step + float(when[0] - command_times[0])
-    return _refined(path, command_times, points, when, rough, 2 * step)
+    return (at - (len(a) - 1)) * step + float(when[0] - command_times[0]), step
 
 
 def _speed(points: Array, when: Array, step: float) -> Array:

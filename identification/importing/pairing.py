@@ -23,6 +23,7 @@ LOCATION_ERROR_MM = 1.0  # a single target so near to the tool is the tool: axes
 FEW_TO_FIT = 8  # rows a target, from which on a functional point is fitted
 NEAREST = "the nearest command after a robust alignment"
 LISTED = 6  # of what is left over
+ONE_PLACE = 1.0  # mm that commands reach: of an R-test on one ball they differ by the rounding of the axes only
 STANDS = 1e-4  # of the reach: so far may commands go on while readings stand still
 
 
@@ -215,6 +216,17 @@ def _match(
             found = None if found is None else replace(found, command=rests[found.command])
         if found is not None:
             return found
+        if _reach(path) < ONE_PLACE:
+            few, file = (len(first), source) if len(first) < commands.rows else (commands.rows, commands)
+            text = (
+                f"{len(first)} readings and {commands.rows} commands of {commands.raw.name}, all at one place, where "
+            )
+            text += f"only their order or their names can join them; {abs(len(first) - commands.rows)} more or less"
+            cure = (
+                f"See which rows {file.raw.path.name} lacks ({few}), and give a command a reading; or name the poses "
+            )
+            cure += "in both files and join with --match name (--columns point=.., --command-columns point=..)"
+            raise InputError(source.raw.name, text, cure)
         if how == "order":
             text = f"{len(first)} readings and {commands.rows} commands"
             text += "" if rests is None else f", which rest {len(rests)} times"

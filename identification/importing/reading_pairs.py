@@ -118,7 +118,9 @@ def pair_readings(
         own_rows = (
             source.recording.frame[OBSERVATION].astype(str).to_numpy() == label if label else np.ones(len(seen), bool)
         )
-        part, way, more, own_rests = _part(source, commands, chain, wishes, observation, np.flatnonzero(own_rows), label)
+        part, way, more, own_rests = _part(
+            source, commands, chain, wishes, observation, np.flatnonzero(own_rows), label
+        )
         rests = own_rests if own_rests is not None else rests
         parts.append(part)
         ways.append(way)
@@ -188,7 +190,9 @@ def _part(
         passing = with_gaps(chain, commands, observation, means)
         candidates = [] if passing is None else [passing]
     if not candidates:
-        raise InputError(where, *_counts(len(first), source, commands, observation, dwells is not None, rests is not None))
+        raise InputError(
+            where, *_counts(len(first), source, commands, observation, dwells is not None, rests is not None)
+        )
     found_way = chosen(chain, commands, observation, candidates, means[kept], where)
     best = found_way.way
     a, b = rows[first[kept]][best.skip :], rows[last[kept]][best.skip :]

@@ -43,7 +43,21 @@ _COMMANDED = (
     "theoretical",
     "nominale",
 )
-_READ = ("act", "actual", "enc", "encoder", "fb", "fbk", "feedback", "read", "readback", "ist", "istwert", "istposition", "axispos")
+_READ = (
+    "act",
+    "actual",
+    "enc",
+    "encoder",
+    "fb",
+    "fbk",
+    "feedback",
+    "read",
+    "readback",
+    "ist",
+    "istwert",
+    "istposition",
+    "axispos",
+)
 _AXIS = ("axis", "achse", "joint", "q", "pos", "position", "mcs", "machine", "abs")
 _MEASURED = (
     "meas",

@@ -16,7 +16,7 @@ from tests.helpers.importing import MILL
 MACHINE = read_machine(MILL)
 TARGETS = np.arange(-150.0, 151.0, 50.0)
 RUNS = 5
-UM = np.random.default_rng(4).normal(0, 2.0, (len(TARGETS), RUNS, 2)).round(1) + [0.0, 8.0]  # there and back
+UM = np.random.default_rng(4).normal(0, 2.0, (len(TARGETS), RUNS, 2)).round(1) + np.array([0.0, 8.0])  # there and back
 HEADS = {
     "arrows": ("Position [mm]", lambda k, back: f"{k}{'↓' if back else '↑'} [µm]"),
     "signs": ("Target (mm)", lambda k, back: f"Run {k} {'-' if back else '+'} (um)"),

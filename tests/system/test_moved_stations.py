@@ -51,7 +51,7 @@ def test_a_station_that_was_moved_is_refused_with_its_row_and_how_far(shift: flo
         build(Chain(MACHINE), moved(shift))
     words = str(error.value)
     assert f"from reading {FIRST + 1} of {ROWS} on" in words
-    said = float(words.split("fit a place ")[1].split()[0])
+    said = float(words.split("fit a place ")[1].split(maxsplit=1)[0])
     assert said == pytest.approx(shift, rel=0.2)
     assert "station: per-run" in words
 

@@ -40,8 +40,9 @@ class MovedStation:
     def text(self) -> str:
         """A sentence for a proof or a note."""
         return (
-            f"{self.label}: from row {self.row} of {self.file} on the lengths fit a place about {length(self.shift_um)} beside "
-            "the one before, and no error of the machine explains both: the station or the target was moved there. "
+            f"{self.label}: from row {self.row} of {self.file} on the lengths fit a place about "
+            f"{length(self.shift_um)} beside the one before, and no error of the machine explains both: the station or "
+            "the target was moved there. "
             "Declare one station more (a run of their own, and station: per-run, dead_path: per-run)"
         )
 
