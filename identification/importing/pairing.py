@@ -10,7 +10,7 @@ from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.surveys.columns import MEASURED
-from identification.importing.dwell_commands import dwells_of, rests_of
+from identification.importing.dwell_commands import ONE_PLACE, dwells_of, rests_of
 from identification.importing.dwells import Dwells
 from identification.importing.geometry import Nominal, fitted_targets, turns_tool
 from identification.importing.matching import NAMED, Matched, by_name, by_order, by_time, common_names
@@ -23,7 +23,6 @@ LOCATION_ERROR_MM = 1.0  # a single target so near to the tool is the tool: axes
 FEW_TO_FIT = 8  # rows a target, from which on a functional point is fitted
 NEAREST = "the nearest command after a robust alignment"
 LISTED = 6  # of what is left over
-ONE_PLACE = 1.0  # mm that commands reach: of an R-test on one ball they differ by the rounding of the axes only
 STANDS = 1e-4  # of the reach: so far may commands go on while readings stand still
 
 
