@@ -13,7 +13,8 @@ import numpy as np
 from errormodel.arrays import Array, Index
 
 FEWEST = 4  # repeated commands on either side of a displacement
-CHANCE = 1e-5  # that noise explains as much at the best of all borders
+CHANCE = 1e-4  # that noise explains as much at the best of all borders
+ALIKE = 27.0  # mean squares of the noise: three components at three standard deviations
 GAIN = 2.0  # times less must it leave of the differences that straddle it
 
 
@@ -62,10 +63,12 @@ def repeat_shift(labels: Index, measured: Array, rows: Index, file: str) -> Repe
     inside = (early < borders[:, None]) & (late >= borders[:, None])
     count = inside.sum(axis=1)
     gain = np.where(count >= FEWEST, np.sum((inside @ apart) ** 2, axis=1) / np.maximum(count, 1), 0.0)
-    best = np.flatnonzero(gain > gain.max() * (1 - 1e-9))
-    total, most = float(np.sum(apart**2)), float(gain.max())
-    left, free = total - most, 3 * len(apart) - 3
-    straddle = inside[best[0]]
+    total, free = float(np.sum(apart**2)), 3 * len(apart) - 3
+    alike = gain >= gain.max() - ALIKE * (total - gain.max()) / free  # of these the one that most differences straddle
+    best = int(np.lexsort((gain, np.where(alike, count, -1)))[-1])
+    most = float(gain[best])
+    left = total - most
+    straddle = inside[best]
     across = float(np.sum(apart[straddle] ** 2))
     if not most or (across - most) * GAIN > across:
         return None

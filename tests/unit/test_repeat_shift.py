@@ -18,14 +18,14 @@ def measured(labels: np.ndarray, first: int, shift: np.ndarray, seed: int) -> np
 
 @pytest.mark.parametrize("seed", range(5))
 def test_twelve_um_between_reference_poses_at_both_ends(seed: int) -> None:
-    """Eight poses at the beginning and again at the end; between them nobody knows when."""
-    labels = np.concatenate([np.arange(60), np.arange(8)])
-    found = repeat_shift(labels, measured(labels, 30, SHIFT, seed), np.arange(1, 69), "a.csv")
+    """Twelve poses at the beginning and again at the end; between them nobody knows when."""
+    labels = np.concatenate([np.arange(60), np.arange(12)])
+    found = repeat_shift(labels, measured(labels, 30, SHIFT, seed), np.arange(1, 73), "a.csv")
     assert found is not None
-    assert (found.after, found.before, found.count) == (8, 61, 8)
+    assert (found.after, found.before, found.count) == (12, 61, 12)
     assert found.size_um == pytest.approx(12, abs=5)
-    assert "repeats of 8 commands lie" in found.text
-    assert "between rows 8 and 61" in found.text
+    assert "repeats of 12 commands lie" in found.text
+    assert "between rows 12 and 61" in found.text
 
 
 def test_poses_that_come_again_and_again_say_where() -> None:
