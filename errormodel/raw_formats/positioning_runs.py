@@ -19,6 +19,7 @@ from errormodel.exceptions import InputError
 from errormodel.formats.base import as_numbers
 from errormodel.machine import Joint
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.cells import kind_of
 from errormodel.raw_formats.direction_words import side_of
 from errormodel.raw_formats.layout import Layout
 from errormodel.raw_formats.positioning import joint_for, motion_rows
@@ -27,6 +28,7 @@ from errormodel.raw_formats.table_columns import table_of_text
 from errormodel.raw_formats.unit_words import bracketed, unit_word, without_tail
 from errormodel.units import Quantity, is_unit, to_internal
 
+MOST_ROWS = 200  # of a table with a row a run: there are some ten, and means below them
 MOST_RUNS = 20  # of a direction, that `--columns 1+=..` can name
 NEAR = 0.05  # of the range of the targets: readings that lie so near to these are positions, no deviations
 _RUN = frozenset((
@@ -179,7 +181,7 @@ def runs_in(table: Layout) -> Runs | None:
 
 
 def _by_columns(table: Layout) -> Runs | None:
-    own = {k: run for k, n in enumerate(table.names) if table.numeric(k) and (run := run_of(n)) is not None}
+    own = {k: run for k, n in enumerate(table.names) if (run := run_of(n)) is not None and table.numeric(k)}
     own = {k: run for k, run in own.items() if not _PLACE.fullmatch(table.names[k].strip())}
     if not table.named or len(own) < 2:
         return None
@@ -201,7 +203,9 @@ def _by_columns(table: Layout) -> Runs | None:
 
 def _by_rows(table: Layout) -> Runs | None:
     width = len(table.names)
-    values = [k for k in range(width) if sum(bool(c) and _number(c) for c in table.column(k)) > len(table.rows) / 2]
+    if len(table.rows) > MOST_ROWS:
+        return None
+    values = [k for k in range(width) if sum(kind_of(c) == "number" for c in table.column(k)) > len(table.rows) / 2]
     heads = [k for k in range(width) if k not in values]
     if len(values) < 2 or not 0 <= len(heads) <= 2:
         return None
@@ -233,14 +237,13 @@ def _by_rows(table: Layout) -> Runs | None:
 
 def _without_side(table: Layout) -> list[str]:
     """Columns that are numbered runs of which no direction is stated, beside one of positions."""
-    numeric = [n for k, n in enumerate(table.names) if table.numeric(k)]
     own = []
-    for name in numeric if table.named else ():
+    for k, name in enumerate(table.names if table.named else ()):
         tokens = _TOKEN.findall(name.lower())
         words = [t for t in tokens if not t.isdecimal()]
-        if len(words) == 1 and len(tokens) == 2 and words[0] in _RUN - _SHORT:
+        if len(words) == 1 and len(tokens) == 2 and words[0] in _RUN - _SHORT and table.numeric(k):
             own.append(name)
-    place = any(TARGET.search(n) or _PLACE.fullmatch(n.strip()) for n in numeric if n not in own)
+    place = any(TARGET.search(n) or _PLACE.fullmatch(n.strip()) for n in table.names if n not in own)
     return own if place else []
 
 
@@ -249,10 +252,6 @@ def _stated(table: Layout) -> str:
     found = {unit_word(m[1]) for line in (*table.preamble, *table.comments) for m in _STATED.finditer(line)}
     own = [unit for unit in found if is_unit(unit, "length") or is_unit(unit, "angle")]
     return own[0] if len(own) == 1 else ""
-
-
-def _number(cell: str) -> bool:
-    return bool(np.isfinite(_values([cell])[0]))
 
 
 def _values(cells: Sequence[str]) -> Array:

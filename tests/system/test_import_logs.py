@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -101,22 +100,14 @@ def test_lengths_are_joined_to_the_rests_of_a_log(
     np.testing.assert_allclose(result.survey.table[["X", "Y", "Z"]], kept, atol=1e-4)
 
 
-@pytest.mark.parametrize("jump", [30.0, -7.5])
-def test_a_clock_that_was_set_between_two_logs_is_named(jump: float, tmp_path: Path) -> None:
+def test_a_clock_that_goes_back_is_named(tmp_path: Path) -> None:
     logs(tmp_path, seed=3, rows=12)
     log = pd.read_csv(tmp_path / "tracker.csv")
     at = 3 * len(log) // 5
-    wrong = log.copy()
-    wrong.loc[at:, "Time [s]"] += jump
-    wrong.to_csv(tmp_path / "t.csv", index=False)
-    with pytest.raises(InputError) as error:
+    log.loc[at:, "Time [s]"] -= 7.5
+    log.to_csv(tmp_path / "t.csv", index=False)
+    with pytest.raises(InputError, match=rf"t.csv: its clock goes back by 7.45 s before row {at + 1}"):
         import_survey(tmp_path / "t.csv", MILL, commands=tmp_path / "controller.csv")
-    words = str(error.value)
-    if jump < 0:
-        assert f"t.csv: its clock goes back by 7.45 s before row {at + 1}" in words
-        return
-    assert re.search(r"from row \d+ on its clock is (29\.|30)[\d.]* s further ahead of that of .*controller.csv", words)
-    assert abs(int(words.split("from row ")[1].split(maxsplit=1)[0]) - at - 1) < 60  # the target stands still for 1.5 s
 
 
 def test_a_clock_that_was_set_between_a_plan_and_a_list_is_named(tmp_path: Path) -> None:

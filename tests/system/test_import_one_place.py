@@ -113,9 +113,8 @@ def test_what_an_r_test_lacks_is_named(lacks: str, fork: Path, table: pd.DataFra
     commands = commands.drop(columns="A") if lacks == "a column" else commands.drop(index=7)
     commands.to_csv(tmp_path / "plan.csv", index=False)
     table[SEEN].to_csv(tmp_path / "rtest.csv", index=False)
-    result = run(
-        "import", tmp_path / "rtest.csv", "--machine", fork, "--commands", tmp_path / "plan.csv", "--out", tmp_path
-    )
+    seen, plan = tmp_path / "rtest.csv", tmp_path / "plan.csv"
+    result = run("import", seen, "--machine", fork, "--commands", plan, "--out", tmp_path / "s")
     assert result.code == 2
     said = {
         "a row": "78 readings and 77 commands of.*all at one place.*which rows plan.csv lacks.*--match name",
