@@ -169,12 +169,6 @@ def _refuse_two_offsets(
     if abs(first - last) < STEPS * step:
         return
     at = speeds_part(path, command_times, points[good], when[good], (first, last))
-    for _ in range(2 if at is not None else 0):  # of all that lies on either side, the offsets are known better
-        ends = [_rough_offset(path, command_times, points[part], when[part]) for part in (good[:at], good[at:])]
-        if at is None or ends[0] is None or ends[1] is None:
-            return
-        first, last = ends[0][0], ends[1][0]
-        at = speeds_part(path, command_times, points[good], when[good], (first, last))
     if at is not None:
         refuse_jump("two logs that no one offset joins", last - first, int(good[at]), measured, name)
 
