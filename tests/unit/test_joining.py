@@ -119,8 +119,6 @@ def test_a_clock_that_was_set_between_two_logs_is_named(jump: float, share: floa
     seen = np.column_stack([np.interp(when, told, path[:, k]) for k in range(3)]) + rng.normal(0, 3e-3, (len(when), 3))
     first = int(share * len(when))
     clock = when + 12.3 + jump * (np.arange(len(when)) >= first)
-    with pytest.raises(
-        InputError, match=r"m\.csv: two logs.*its clock is .* s further ahead of that of c\.csv"
-    ) as error:
+    with pytest.raises(InputError, match=r"m\.csv: two logs.* clock is .* s further ahead of that of c\.csv") as error:
         by_time(path, told, seen, clock, clock[100:200], same_clock=False, name="c.csv", measured="m.csv")
     assert abs(int(str(error.value).split("from row ")[1].split(maxsplit=1)[0]) - first - 1) < 40  # of a rest
