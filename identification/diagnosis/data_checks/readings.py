@@ -16,6 +16,7 @@ from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.blunder import listed
+from identification.diagnosis.data_checks.moved_stations import MovedStation, moved_stations
 from identification.diagnosis.data_checks.shared_starts import WrongStart, start_lines, wrong_starts
 from identification.estimation.checks import WILD, WILD_FROM
 from identification.estimation.result import Fit
@@ -39,6 +40,7 @@ class Lengths:
     wild : (k,) places of the readings that lie far off.
     exchanged : pairs of places of readings that fit in each other's place.
     starts : set-ups that are off by the same amount in all their readings.
+    moved : stations that were moved on the way.
     """
 
     label: str
@@ -47,11 +49,13 @@ class Lengths:
     wild: Index
     exchanged: tuple[tuple[int, int], ...]
     starts: tuple[WrongStart, ...] = ()
+    moved: tuple[MovedStation, ...] = ()
 
 
-def lengths_of(chain: Chain, views: Sequence[View]) -> list[Lengths]:
+def lengths_of(chain: Chain, survey: Survey, views: Sequence[View]) -> list[Lengths]:
     """The lengths in a survey, an entry an observation (or a run, where its set-up is one a run)."""
-    out = []
+    out: list[Lengths] = []
+    moved = [*moved_stations(survey, views)]
     for view in views:
         if not isinstance(view, ReadingView) or view.turns:
             continue
@@ -60,7 +64,9 @@ def lengths_of(chain: Chain, views: Sequence[View]) -> list[Lengths]:
         wild = np.flatnonzero(np.abs(gap) > max(WILD * usual, WILD_FROM * chain.size))
         nominal = view.measured - gap
         exchanged = _exchanged(view.measured, nominal, wild, usual, chain)
-        out.append(Lengths(view.label, view.index, gap, wild, exchanged, wrong_starts(view, gap)))
+        first = all(own.label != view.label for own in out)
+        where = tuple(m for m in moved if first and m.label == view.label)
+        out.append(Lengths(view.label, view.index, gap, wild, exchanged, wrong_starts(view, gap), where))
     return out
 
 
@@ -124,12 +130,13 @@ def length_lines(survey: Survey, lengths: Sequence[Lengths]) -> Iterator[str]:
         if len(own.wild):
             text += f"; far off: rows {listed(_rows(survey, own.index)[own.wild].tolist())} (fit with --robust)"
         yield text
-        yield from start_lines(survey, own.label, own.index, own.starts)
+        yield from set_up_lines(survey, [own])
 
 
-def start_notes(survey: Survey, lengths: Sequence[Lengths]) -> Iterator[str]:
-    """Sentences on set-ups of distances that are off in common."""
+def set_up_lines(survey: Survey, lengths: Sequence[Lengths]) -> Iterator[str]:
+    """Sentences on set-ups of distances that are off in common, and on stations that were moved."""
     for own in lengths:
+        yield from (moved.text for moved in own.moved)
         yield from start_lines(survey, own.label, own.index, own.starts)
 
 
