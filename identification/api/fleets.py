@@ -60,7 +60,7 @@ def fleet(
         Processes; None: one a core. With "local" and 1, this process does it; with more, a script that calls this needs
         ``if __name__ == "__main__":``, as workers import it.
     rate : float
-        Largest expected share of false ones among the machines that are called out, between 0 and 0.5.
+        Largest share of false ones among the machines that are called out, at 95 % confidence; between 0 and 0.5.
     standard : str
         Of ``iso``: names of `standards`, or ``all``.
     reports : bool
@@ -85,8 +85,10 @@ def fleet(
     """
     from errormodel.exceptions import InputError, nearest
     from errormodel.extras import optional
+    from errormodel.files import forget
     from errormodel.inputs import Run, current, running
     from identification.fleets.run import run_fleet
+    from identification.results.folder_contents import FAILURES, PARTS
     from identification.results.results_folder import ResultsFolder
     from identification.runtime.engines import Crew
 
@@ -106,6 +108,7 @@ def fleet(
     def done() -> FleetResult:
         result = run_fleet(listing, folder, command, crew, work, rate, standard, reports, warn, steps)
         result.save(folder, progress=progress)
+        forget(folder.path / PARTS / FAILURES)  # the table of the whole fleet has them
         return result
 
     if current() is not None:

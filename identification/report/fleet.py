@@ -9,6 +9,7 @@ import numpy as np
 
 from errormodel import __version__
 from identification.fleets.comparison import EFFECT, LEVEL
+from identification.fleets.false_alarms import CONFIDENCE
 from identification.fleets.remarks import copies
 from identification.fleets.text import amount, common_text, far_text, few_lines, headline, note_text, short, usual
 from identification.plots.fleet import (
@@ -50,6 +51,7 @@ def fleet_page(result: FleetResult) -> str:
         command=result.collected.command,
         headline=headline(result),
         rate=f"{100 * result.compared.rate:g}",
+        confidence=f"{100 * CONFIDENCE:g}",
         check=bool(len(visit)) or not result.complete,
         map=[] if len(machines) <= MOST_TILES else [_map(result)],
         tiles=_tiles(result) if len(machines) <= MOST_TILES else [],

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from errormodel.exceptions import InputError
 from identification import fleet
 from identification.fleets.listing import read_list
 from identification.plots.fleet import draw_matrix
@@ -238,6 +239,32 @@ def test_a_survey_that_fails_stops_no_other(place: Path) -> None:
     (place / "data/m5.csv").rename(place / "data/m5_0.csv")
     assert "5 parts were finished" in done("fleet", place / "list.csv", "--out", place / "new", "--workers", 1).out
     assert tree(place / "new") == tree(place / "out")
+
+
+def test_a_run_that_is_stopped_leaves_the_failures_known_until_then(made: Path, tmp_path: Path) -> None:
+    rows = (made / "list.csv").read_text().replace("data/", f"{made}/data/").splitlines()[:4]
+    write(tmp_path / "list.csv", "\n".join(rows).replace("m1_0", "m1_9").replace("m2_0", "m2_9") + "\n")
+    seen = []
+
+    def stop(text: str) -> None:
+        seen.append(pd.read_csv(tmp_path / "out/parts/failures.csv"))  # there before anything else is said
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        fleet(tmp_path / "list.csv", tmp_path / "out", warn=stop)
+    known = tmp_path / "out/parts/failures.csv"
+    assert stopped.value.args[1].endswith(f"; 1 failed, named in {known}")
+    assert list(seen[0]["id"]) == ["M01"]
+    first = known.read_text()
+    write(known, "mine\n")
+    with pytest.raises(InputError, match=r"failures.csv|parts"):
+        fleet(tmp_path / "list.csv", tmp_path / "out")
+    write(known, first)
+    fleet(tmp_path / "list.csv", tmp_path / "out")
+    assert not known.exists()
+    whole = (tmp_path / "out/failures.csv").read_text()
+    assert whole.startswith(first)
+    assert len(whole.splitlines()) == 3
 
 
 def test_a_fleet_of_which_all_fails_says_so(tmp_path: Path) -> None:
