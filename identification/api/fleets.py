@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -177,6 +178,7 @@ def _monitor(opened: Opened, folder: Path) -> Worked:
     from errormodel.inputs import noted
     from identification.fleets.collecting import ALARM
     from identification.fleets.estimates import Estimates, without_moves
+    from identification.fleets.parts import failure_of
 
     place = opened.machine
     if isinstance(place, str) or not place.is_dir():
@@ -186,10 +188,17 @@ def _monitor(opened: Opened, folder: Path) -> Worked:
         noted(path)
     copy = folder.with_name("fit") / place.name
     shutil.copytree(place, copy)
-    entries, task = [], opened.task
+    entries: list[dict[str, Any]] = []
+    task = opened.task
     name = ""
     for survey in opened.surveys:
-        result = monitor(copy, survey, rate=task.options.rate, report=True)
+        try:
+            result = monitor(copy, survey, rate=task.options.rate, report=True)
+        except InputError as error:  # a cycle that cannot be read stops no other
+            if len(entries) == len(opened.surveys) - 1 and not name:
+                raise  # there is no other
+            entries.append({"failure": asdict(failure_of(opened, error))})
+            continue
         done = result.monitored
         name = done.stored.chain.machine.name
         entries.append(

@@ -10,7 +10,7 @@ import numpy as np
 
 from identification.fleets.estimates import Estimates
 from identification.fleets.listing import Listing, Row
-from identification.fleets.parts import Failure, Task
+from identification.fleets.parts import Failure, Task, failed_rows
 from identification.fleets.remarks import tables_of, without_copies
 from identification.results.folder_contents import FAILURE_COLUMNS, PARTS
 
@@ -167,9 +167,10 @@ def collected(
     for k, task in enumerate(tasks):
         result = results[k]
         part = f"{PARTS}/{task.key}"
+        failed = {row.number: failure for row, failure in failed_rows(task, result)}
         for number, row in enumerate(task.rows):
-            if isinstance(result, Failure):
-                entries.append(Entry(row, row.type, None, "", result))
+            if row.number in failed or isinstance(result, Failure):
+                entries.append(Entry(row, row.type, None, "", failed[row.number]))
             else:
                 kind = row.type or str(result["machine"])
                 tables = tables_of(result["sources"], number)

@@ -15,7 +15,19 @@ from errormodel.files import append_csv, forget
 from identification.fleets.collecting import collected, failures_of, tasks_of
 from identification.fleets.comparison import compare
 from identification.fleets.listing import Row, read_list
-from identification.fleets.parts import HOLDS, RECORD, Failure, Made, Options, Task, finished, folder_of, kept, seal_of
+from identification.fleets.parts import (
+    HOLDS,
+    RECORD,
+    Failure,
+    Made,
+    Options,
+    Task,
+    failed_rows,
+    finished,
+    folder_of,
+    kept,
+    seal_of,
+)
 from identification.results.fleet_result import FleetResult
 from identification.results.folder_contents import FAILURES, PARTS
 from identification.results.json_text import dumps
@@ -84,7 +96,7 @@ def run_fleet(
             said = (
                 f"{count} of {len(tasks)} parts are kept in {folder.path / PARTS}, and the same command goes on there"
             )
-            failed = sum(isinstance(r, Failure) for r in results.values())
+            failed = sum(len(failed_rows(tasks[k], r)) for k, r in results.items())
             said += f"; {failed} failed, named in {folder.path / PARTS / FAILURES}" if failed else ""
             raise KeyboardInterrupt(error.args[0] if error.args else signal.SIGINT, said) from error
     whole = collected(command, listing, tasks, results)
@@ -113,14 +125,16 @@ def _made(
             read = json.loads(dumps(outcome.record))  # as it is when it is taken up
             results[k] = read | {"seal": seal_of(folder.path, tasks[k])}
         else:
-            results[k] = failure = _failure(outcome)
-            append_csv(failures_of([(r, failure) for r in tasks[k].rows]), failures)
-            row = tasks[k].rows[0]
+            results[k] = _failure(outcome)
+        failed = failed_rows(tasks[k], results[k])
+        if failed:
+            append_csv(failures_of(failed), failures)
+            row, failure = failed[0]
             kind = _kind(failure.message, row)
             if kind not in kinds:
                 warn(f"row {row.number}, {row.id}: {failure.message}")
             kinds.add(kind)
-        pace.step(isinstance(results[k], Failure))
+        pace.step(bool(failed))
 
 
 def _failure(outcome: Failure | Exception) -> Failure:

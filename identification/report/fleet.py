@@ -116,7 +116,8 @@ def _tiles(result: FleetResult) -> list[tuple[str, bool, list[dict[str, str]]]]:
         colour, words = STATES[str(row["state"])]
         parts = [e.part for e in entries if e.part]
         link = _link(parts[0], result.collected) if len(parts) == 1 else parts[0].rpartition("/")[0] if parts else ""
-        said = ". ".join(filter(None, (f"{identity}: {words}", _labels(result, row), str(row["why"]))))
+        failed = f"{row['failed']} of {row['surveys']} surveys failed" if row["failed"] and parts else ""
+        said = ". ".join(filter(None, (f"{identity}: {words}", _labels(result, row), failed, str(row["why"]))))
         tile = {"name": identity, "title": said, "colour": colour, "link": link, "dark": "y" * (colour in DARK)}
         by_type.setdefault(str(row["type"]), []).append(tile)
     return [(name, len(own) <= MOST_NAMED, own) for name, own in by_type.items()]

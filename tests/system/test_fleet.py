@@ -400,6 +400,24 @@ def test_monitor_watches_on_a_copy_and_by_date(made: Path, tmp_path: Path) -> No
     assert table["part"].nunique() == 1
 
 
+def test_a_cycle_that_cannot_be_read_stops_no_other(made: Path, tmp_path: Path) -> None:
+    (fit,) = (made / "out/parts/M00").iterdir()
+    shutil.copytree(fit, tmp_path / "fit")
+    write(tmp_path / "bad.csv", b"\xff\xfe\x00")
+    surveys = ("bad.csv", f"{made}/data/m1_0.csv")
+    lines = [f"fit,{s},M00,2026-0{n + 1}-01" for n, s in enumerate(surveys)]
+    text = "machine,survey,id,date\n" + "\n".join(lines) + "\n"
+    result = fleet_of(tmp_path, text, "--command", "monitor")
+    assert result.code == 1
+    assert "1 of 2 surveys failed" in result.out
+    assert list(pd.read_csv(tmp_path / "out/surveys.csv")["status"]) == ["failed", "done"]
+    assert list(pd.read_csv(tmp_path / "out/failures.csv")["row"]) == [1]
+    write(tmp_path / "bad.csv", (made / "data/m3_0.csv").read_bytes())  # corrected
+    result = fleet_of(tmp_path, text, "--command", "monitor")
+    assert result.code == 0
+    assert list(pd.read_csv(tmp_path / "out/surveys.csv")["status"]) == ["done"] * 2
+
+
 def test_iso_figures_of_a_fleet(tmp_path: Path) -> None:
     """Straightness of X along its travel: one machine bends ten times as much as the others do."""
     position = np.linspace(-300, 300, 13)
@@ -413,6 +431,10 @@ def test_iso_figures_of_a_fleet(tmp_path: Path) -> None:
     assert result.code == 0, result.out
     machines = pd.read_csv(tmp_path / "out/machines.csv").set_index("id")
     assert list(machines.index[machines["out"]]) == ["M4"]
+    assert machines.loc["M4", "reasons"] > 1
+    assert (
+        30 < machines.loc["M4", "effect_um"] < 45
+    )  # the bow of 42 um beside the others' 4, not the sum of its figures
     done("iso", "230-1", MILL, tmp_path / "m2.csv", "--json", tmp_path / "m2.json")
     (standard,) = json.loads((tmp_path / "m2.json").read_text())["standards"]
     table = pd.read_csv(tmp_path / "out/parameters.csv")
