@@ -34,8 +34,8 @@ class Base:
     @classmethod
     def of(cls, source: str) -> Base:
         if is_address(source):
-            store, path, around = _split(source)
-            folder, _, last = path.rpartition("/")
+            store, inside, around = _split(source)
+            folder, _, last = inside.rpartition("/")
             return cls(store + folder + around, last)
         path = Path(source)
         return cls(str(path.parent.absolute()), path.name)
