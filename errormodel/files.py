@@ -126,10 +126,45 @@ def write_csv(frame: pd.DataFrame, path: Path | str) -> None:
     NaN and None become empty cells, which a survey reads as "not measured". Text that a spreadsheet would take for a
     formula gets an apostrophe in front, which spreadsheets show as text and `without_apostrophes` takes away.
     """
-    text = frame.select_dtypes(exclude=["number", "bool"]).columns
-    frame = frame.assign(**{name: frame[name].map(_inert) for name in text})
     with replacing(path) as part:
-        frame.to_csv(part, index=False, lineterminator="\n", encoding="utf-8")
+        _plain_cells(frame).to_csv(part, index=False, lineterminator="\n", encoding="utf-8")
+
+
+def append_csv(frame: pd.DataFrame, path: Path) -> None:
+    """Add rows to a table as `write_csv` writes it, which others may read while it grows; a new one gets its header.
+
+    A stop while it is written can leave half a row.
+
+    Raises
+    ------
+    InputError
+        The place cannot be written to.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("a", encoding="utf-8", newline="") as file:
+            file.write(_plain_cells(frame).to_csv(index=False, header=file.tell() == 0, lineterminator="\n"))
+    except OSError as error:
+        raise unwritable(path, error) from error
+
+
+def forget(path: Path) -> None:
+    """Remove a file that no longer says what is the case; no error where there is none.
+
+    Raises
+    ------
+    InputError
+        It cannot be removed.
+    """
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise unwritable(path, error) from error
+
+
+def _plain_cells(frame: pd.DataFrame) -> pd.DataFrame:
+    text = frame.select_dtypes(exclude=["number", "bool"]).columns
+    return frame.assign(**{name: frame[name].map(_inert) for name in text})
 
 
 def read_csv(path: Path, **options: Any) -> pd.DataFrame:

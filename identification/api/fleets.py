@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -60,7 +61,7 @@ def fleet(
         Processes; None: one a core. With "local" and 1, this process does it; with more, a script that calls this needs
         ``if __name__ == "__main__":``, as workers import it.
     rate : float
-        Largest expected share of false ones among the machines that are called out, between 0 and 0.5.
+        Largest share of false ones among the machines that are called out, at 95 % confidence; between 0 and 0.5.
     standard : str
         Of ``iso``: names of `standards`, or ``all``.
     reports : bool
@@ -85,8 +86,10 @@ def fleet(
     """
     from errormodel.exceptions import InputError, nearest
     from errormodel.extras import optional
+    from errormodel.files import forget
     from errormodel.inputs import Run, current, running
     from identification.fleets.run import run_fleet
+    from identification.results.folder_contents import FAILURES, PARTS
     from identification.results.results_folder import ResultsFolder
     from identification.runtime.engines import Crew
 
@@ -106,6 +109,7 @@ def fleet(
     def done() -> FleetResult:
         result = run_fleet(listing, folder, command, crew, work, rate, standard, reports, warn, steps)
         result.save(folder, progress=progress)
+        forget(folder.path / PARTS / FAILURES)  # the table of the whole fleet has them
         return result
 
     if current() is not None:
@@ -174,6 +178,7 @@ def _monitor(opened: Opened, folder: Path) -> Worked:
     from errormodel.inputs import noted
     from identification.fleets.collecting import ALARM
     from identification.fleets.estimates import Estimates, without_moves
+    from identification.fleets.parts import failure_of
 
     place = opened.machine
     if isinstance(place, str) or not place.is_dir():
@@ -183,10 +188,17 @@ def _monitor(opened: Opened, folder: Path) -> Worked:
         noted(path)
     copy = folder.with_name("fit") / place.name
     shutil.copytree(place, copy)
-    entries, task = [], opened.task
+    entries: list[dict[str, Any]] = []
+    task = opened.task
     name = ""
     for survey in opened.surveys:
-        result = monitor(copy, survey, rate=task.options.rate, report=True)
+        try:
+            result = monitor(copy, survey, rate=task.options.rate, report=True)
+        except InputError as error:  # a cycle that cannot be read stops no other
+            if len(entries) == len(opened.surveys) - 1 and not name:
+                raise  # there is no other
+            entries.append({"failure": asdict(failure_of(opened, error))})
+            continue
         done = result.monitored
         name = done.stored.chain.machine.name
         entries.append(

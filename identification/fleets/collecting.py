@@ -10,9 +10,9 @@ import numpy as np
 
 from identification.fleets.estimates import Estimates
 from identification.fleets.listing import Listing, Row
-from identification.fleets.parts import Failure, Task
+from identification.fleets.parts import Failure, Task, failed_rows
 from identification.fleets.remarks import tables_of, without_copies
-from identification.results.folder_contents import PARTS
+from identification.results.folder_contents import FAILURE_COLUMNS, PARTS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -135,15 +135,15 @@ class Collected:
 
     def failures(self) -> pd.DataFrame:
         """One row a survey that failed: what to do about it."""
-        import pandas as pd
+        return failures_of([(e.row, e.failure) for e in self.entries if e.failure is not None])
 
-        rows = [
-            {"row": e.row.number, "id": e.row.id, "survey": e.row.survey, "wrong_input": e.failure.wrong_input,
-             "message": e.failure.message}
-            for e in self.entries
-            if e.failure is not None
-        ]  # fmt: skip
-        return pd.DataFrame(rows, columns=["row", "id", "survey", "wrong_input", "message"])
+
+def failures_of(failed: Sequence[tuple[Row, Failure]]) -> pd.DataFrame:
+    """Table of surveys that failed, and why."""
+    import pandas as pd
+
+    rows = [(row.number, row.id, row.survey, failure.wrong_input, failure.message) for row, failure in failed]
+    return pd.DataFrame(rows, columns=list(FAILURE_COLUMNS))
 
 
 def tasks_of(listing: Listing, make: Any, by_machine: bool) -> list[Task]:
@@ -167,9 +167,10 @@ def collected(
     for k, task in enumerate(tasks):
         result = results[k]
         part = f"{PARTS}/{task.key}"
+        failed = {row.number: failure for row, failure in failed_rows(task, result)}
         for number, row in enumerate(task.rows):
-            if isinstance(result, Failure):
-                entries.append(Entry(row, row.type, None, "", result))
+            if row.number in failed or isinstance(result, Failure):
+                entries.append(Entry(row, row.type, None, "", failed[row.number]))
             else:
                 kind = row.type or str(result["machine"])
                 tables = tables_of(result["sources"], number)

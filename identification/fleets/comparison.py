@@ -121,7 +121,8 @@ def compare(fleet: Collected, rate: float) -> Compared:
 
     Parameters
     ----------
-    rate : largest expected share of false ones among the machines that are out, and among what types have in common.
+    rate : largest share of false ones among the machines that are out, at 95 % confidence; among what types have in
+        common, largest expected one.
     """
     types = []
     for name, machines in fleet.types().items():

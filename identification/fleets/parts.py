@@ -187,6 +187,8 @@ def finished(out: Path, task: Task) -> dict[str, Any] | None:
         manifest.check_complete(folder, made)
         with running(None):
             record = read_json(folder / RECORD, SCHEMA, CURE)
+        if failed_rows(task, record):
+            return None  # they are tried again
         with Opened(task) as opened:
             now = [sha256(opened.folder(int(s["of"])) / s["path"]) == s["sha256"] for s in record["sources"]]
             same = all(now) and record["tables"] == opened.listed()
@@ -227,6 +229,14 @@ def record_of(
         "tables": opened.listed(),
         "surveys": surveys,
     }
+
+
+def failed_rows(task: Task, result: Mapping[str, Any] | Failure) -> list[tuple[Row, Failure]]:
+    """Surveys of a part that failed: all where it could not be made, else those that its record says."""
+    if isinstance(result, Failure):
+        return [(row, result) for row in task.rows]
+    both = zip(task.rows, result["surveys"], strict=True)
+    return [(row, Failure(**survey["failure"])) for row, survey in both if "failure" in survey]
 
 
 def failure_of(opened: Opened | None, error: Exception) -> Failure:

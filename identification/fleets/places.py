@@ -34,8 +34,9 @@ class Base:
     @classmethod
     def of(cls, source: str) -> Base:
         if is_address(source):
-            folder, _, last = source.rpartition("/")
-            return cls(folder, last)
+            store, inside, around = _split(source)
+            folder, _, last = inside.rpartition("/")
+            return cls(store + folder + around, last)
         path = Path(source)
         return cls(str(path.parent.absolute()), path.name)
 
@@ -44,9 +45,17 @@ class Base:
         if is_address(entry):
             return entry
         if is_address(self.folder):
-            head, middle, tail = self.folder.partition("://")
-            return head + middle + posixpath.normpath(f"{tail}/{entry}")
+            store, path, around = _split(self.folder)
+            return store + posixpath.normpath(posixpath.join(path, entry.lstrip("/"))) + around
         return str(Path(self.folder) / entry)
+
+
+def _split(address: str) -> tuple[str, str, str]:
+    """Store, path in it, and what the store itself lies in: ``zip://``, ``a/list.csv``, ``::s3://shop/fleet.zip``."""
+    found = ADDRESS.match(address)
+    assert found is not None
+    path, colons, around = address[found.end() :].partition("::")
+    return found.group(), path, colons + around
 
 
 def is_address(text: str) -> bool:

@@ -11,12 +11,25 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from identification.fleets.collecting import collected, tasks_of
+from errormodel.files import append_csv, forget
+from identification.fleets.collecting import collected, failures_of, tasks_of
 from identification.fleets.comparison import compare
 from identification.fleets.listing import Row, read_list
-from identification.fleets.parts import HOLDS, RECORD, Failure, Made, Options, Task, finished, folder_of, kept, seal_of
+from identification.fleets.parts import (
+    HOLDS,
+    RECORD,
+    Failure,
+    Made,
+    Options,
+    Task,
+    failed_rows,
+    finished,
+    folder_of,
+    kept,
+    seal_of,
+)
 from identification.results.fleet_result import FleetResult
-from identification.results.folder_contents import PARTS
+from identification.results.folder_contents import FAILURES, PARTS
 from identification.results.json_text import dumps
 from identification.results.results_folder import ResultsFolder
 from identification.runtime.engines import Crew, WorkerDiedError
@@ -83,6 +96,8 @@ def run_fleet(
             said = (
                 f"{count} of {len(tasks)} parts are kept in {folder.path / PARTS}, and the same command goes on there"
             )
+            failed = sum(len(failed_rows(tasks[k], r)) for k, r in results.items())
+            said += f"; {failed} failed, named in {folder.path / PARTS / FAILURES}" if failed else ""
             raise KeyboardInterrupt(error.args[0] if error.args else signal.SIGINT, said) from error
     whole = collected(command, listing, tasks, results)
     with steps("Comparing machines"):
@@ -101,6 +116,8 @@ def _made(
     """Make parts, and put what came of each into `results`."""
     pace, kinds = _Pace(len(tasks), far), set[str]()
     numbers = list(tasks)
+    failures = folder.path / PARTS / FAILURES
+    forget(failures)  # those of a run that was stopped: its surveys are tried again
     for number, outcome in crew.each(work, list(tasks.values())):
         k = numbers[number]
         if isinstance(outcome, Made):
@@ -108,13 +125,16 @@ def _made(
             read = json.loads(dumps(outcome.record))  # as it is when it is taken up
             results[k] = read | {"seal": seal_of(folder.path, tasks[k])}
         else:
-            results[k] = failure = _failure(outcome)
-            row = tasks[k].rows[0]
+            results[k] = _failure(outcome)
+        failed = failed_rows(tasks[k], results[k])
+        if failed:
+            append_csv(failures_of(failed), failures)
+            row, failure = failed[0]
             kind = _kind(failure.message, row)
             if kind not in kinds:
                 warn(f"row {row.number}, {row.id}: {failure.message}")
             kinds.add(kind)
-        pace.step(isinstance(results[k], Failure))
+        pace.step(bool(failed))
 
 
 def _failure(outcome: Failure | Exception) -> Failure:

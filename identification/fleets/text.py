@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from identification.fleets.comparison import EFFECT, TREND, Test
+from identification.fleets.false_alarms import CONFIDENCE
 from identification.fleets.partial_pooling import LEAST_MACHINES, Normal
 from identification.fleets.remarks import Far, Noted, copies
 from identification.monitoring.quantities import Watched
@@ -158,7 +159,8 @@ def _many(count: int, word: str) -> str:
 def fleet_lines(result: FleetResult) -> Iterator[str]:
     """What the command prints."""
     yield headline(result)
-    yield f"of machines called out at most {100 * result.compared.rate:g} % are expected to be false alarms"
+    sure = f"with {100 * CONFIDENCE:g} % confidence"
+    yield f"of machines called out at most {100 * result.compared.rate:g} % are false alarms, {sure}"
     small = [t.name for t in result.compared.types if not any(np.isfinite(q.level.p).any() for q in t.quantities)]
     if small:
         yield f"fewer than {LEAST_MACHINES} machines, too few to call one out: {', '.join(small[:5])}"

@@ -9,6 +9,7 @@ import numpy as np
 
 from errormodel import __version__
 from identification.fleets.comparison import EFFECT, LEVEL
+from identification.fleets.false_alarms import CONFIDENCE
 from identification.fleets.remarks import copies
 from identification.fleets.text import amount, common_text, far_text, few_lines, headline, note_text, short, usual
 from identification.plots.fleet import (
@@ -50,6 +51,7 @@ def fleet_page(result: FleetResult) -> str:
         command=result.collected.command,
         headline=headline(result),
         rate=f"{100 * result.compared.rate:g}",
+        confidence=f"{100 * CONFIDENCE:g}",
         check=bool(len(visit)) or not result.complete,
         map=[] if len(machines) <= MOST_TILES else [_map(result)],
         tiles=_tiles(result) if len(machines) <= MOST_TILES else [],
@@ -114,7 +116,8 @@ def _tiles(result: FleetResult) -> list[tuple[str, bool, list[dict[str, str]]]]:
         colour, words = STATES[str(row["state"])]
         parts = [e.part for e in entries if e.part]
         link = _link(parts[0], result.collected) if len(parts) == 1 else parts[0].rpartition("/")[0] if parts else ""
-        said = ". ".join(filter(None, (f"{identity}: {words}", _labels(result, row), str(row["why"]))))
+        failed = f"{row['failed']} of {row['surveys']} surveys failed" if row["failed"] and parts else ""
+        said = ". ".join(filter(None, (f"{identity}: {words}", _labels(result, row), failed, str(row["why"]))))
         tile = {"name": identity, "title": said, "colour": colour, "link": link, "dark": "y" * (colour in DARK)}
         by_type.setdefault(str(row["type"]), []).append(tile)
     return [(name, len(own) <= MOST_NAMED, own) for name, own in by_type.items()]

@@ -280,12 +280,17 @@ class FleetResult:
 
 
 def effect_um(tests: list[Test]) -> float:
-    """What all that is found of a machine does at the tool: root sum of squares, each quantity once."""
+    """What all that is found of a machine does at the tool: root sum of squares, each quantity once.
+
+    Figures of standards are ranges of the same readings, looked at in several ways: the largest counts.
+    """
     if not tests:
         return float("nan")
     best: dict[object, float] = {}
     for t in tests:
-        key = id(t.quantity) if t.quantity is not None else t.shown
+        q = t.quantity
+        figure = q is not None and not q.what.members and not q.what.is_log
+        key = "figure" if figure else t.shown if q is None else id(q)
         best[key] = max(best.get(key, 0.0), float(np.nan_to_num(t.size_um)))
     return float(np.sqrt(sum(v**2 for v in best.values())))
 

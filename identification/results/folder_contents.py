@@ -17,6 +17,8 @@ HISTORY_FILE = "monitor.sqlite"  # database of `monitor`
 HISTORY_NAME = re.compile(r"monitor\.sqlite(-journal|-wal|-shm)?")  # the database and its temporary files
 CHAIN = "chain"  # an unfinished chain of `fit --bayes`
 PARTS = "parts"  # finished parts of a `fleet`, each a folder of results
+FAILURES = "failures.csv"  # beside them while a `fleet` is at work, and after a stop: surveys that failed until then
+FAILURE_COLUMNS = ("row", "id", "survey", "wrong_input", "message")
 CHAIN_PIECE = re.compile(r"\.?piece_[0-9a-f]+_\d+(\.\d+\.part)?\.npz")
 UNFINISHED_NAME = re.compile(r"\..+\.(\w+\.part(\.\w+)?|old)")  # of a run that is at work, or was killed
 SERVICE_FILES = (
@@ -140,7 +142,15 @@ def _inside(folder: Path) -> list[Path]:
 
 def _is_part_or_service(entry: Path) -> bool:
     unfinished = entry.name in SERVICE_FILES or bool(UNFINISHED_NAME.fullmatch(entry.name))
-    return unfinished or (not entry.is_symlink() and manifest.read(entry) is not None)
+    return unfinished or (not entry.is_symlink() and (manifest.read(entry) is not None or _are_failures(entry)))
+
+
+def _are_failures(entry: Path) -> bool:
+    if entry.name != FAILURES or not entry.is_file():
+        return False
+    header = ",".join(FAILURE_COLUMNS).encode() + b"\n"
+    with entry.open("rb") as file:
+        return file.read(len(header)) == header[: entry.stat().st_size]
 
 
 def _check_before(folder: Path) -> None:

@@ -13,7 +13,7 @@ from errormodel.arrays import Array, Mask
 from identification.fleets.comparison import Compared, Type, compared, quantity
 from identification.fleets.partial_pooling import Surveys
 from identification.monitoring.quantities import Watched
-from tests.helpers.commands import write
+from tests.helpers.commands import Done, run, write
 
 MILL = "vertical_three_axis"
 NOISE_MM = 0.002
@@ -34,6 +34,12 @@ def mill_fleet(folder: Path, machines: int, surveys: int = 1, odd: Sequence[int]
             write(folder / f"data/m{i}_{j}.csv", table.to_csv(index=False))
             lines.append(f"{MILL},data/m{i}_{j}.csv,M{i:02d},mill,{2022 + j}-0{1 + i % 9}-01,{'AB'[i % 2]}")
     return write(folder / "list.csv", "\n".join(lines) + "\n")
+
+
+def fleet_of(folder: Path, lines: str, *words: object) -> Done:
+    """Run `fleet` on a list of these lines, with its results beside it."""
+    write(folder / "list.csv", lines)
+    return run("fleet", folder / "list.csv", "--out", folder / "out", "--workers", 1, *words)
 
 
 @dataclass(frozen=True)

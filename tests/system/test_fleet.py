@@ -12,15 +12,14 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
+from errormodel.exceptions import InputError
 from identification import fleet
 from identification.fleets.listing import read_list
-from identification.plots.fleet import draw_matrix
-from tests.helpers.commands import MILL, Done, done, run, tree, write
-from tests.helpers.fleets import mill_fleet
+from tests.helpers.commands import MILL, done, run, tree, write
+from tests.helpers.fleets import fleet_of, mill_fleet
 
 ROOT = Path(__file__).resolve().parents[2]
 MACHINES, ODD = 7, 4
@@ -240,6 +239,32 @@ def test_a_survey_that_fails_stops_no_other(place: Path) -> None:
     assert tree(place / "new") == tree(place / "out")
 
 
+def test_a_run_that_is_stopped_leaves_the_failures_known_until_then(made: Path, tmp_path: Path) -> None:
+    rows = (made / "list.csv").read_text().replace("data/", f"{made}/data/").splitlines()[:4]
+    write(tmp_path / "list.csv", "\n".join(rows).replace("m1_0", "m1_9").replace("m2_0", "m2_9") + "\n")
+    seen = []
+
+    def stop(text: str) -> None:
+        seen.append(pd.read_csv(tmp_path / "out/parts/failures.csv"))  # there before anything else is said
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        fleet(tmp_path / "list.csv", tmp_path / "out", warn=stop)
+    known = tmp_path / "out/parts/failures.csv"
+    assert stopped.value.args[1].endswith(f"; 1 failed, named in {known}")
+    assert list(seen[0]["id"]) == ["M01"]
+    first = known.read_text()
+    write(known, "mine\n")
+    with pytest.raises(InputError, match=r"failures.csv|parts"):
+        fleet(tmp_path / "list.csv", tmp_path / "out")
+    write(known, first)
+    fleet(tmp_path / "list.csv", tmp_path / "out")
+    assert not known.exists()
+    whole = (tmp_path / "out/failures.csv").read_text()
+    assert whole.startswith(first)
+    assert len(whole.splitlines()) == 3
+
+
 def test_a_fleet_of_which_all_fails_says_so(tmp_path: Path) -> None:
     write(tmp_path / "list.csv", "machine,survey\nno_such_machine,a.csv\n")
     result = run("fleet", tmp_path / "list.csv", "--out", tmp_path / "out", "--workers", 1)
@@ -325,41 +350,6 @@ def test_a_list_is_parquet_or_in_a_store(made: Path, tmp_path: Path) -> None:
     assert again.taken == 2
 
 
-# ---- other commands
-
-
-def fleet_of(folder: Path, lines: str, *words: object) -> Done:
-    write(folder / "list.csv", lines)
-    return run("fleet", folder / "list.csv", "--out", folder / "out", "--workers", 1, *words)
-
-
-def test_diagnose_says_what_types_have_in_common(tmp_path: Path) -> None:
-    """The mill of the README, with play of X: in all machines of one type, and in one machine of another."""
-    from dataclasses import replace
-
-    from errormodel import read_machine, simulate
-    from errormodel.machine import EffectSpec
-
-    worn = replace(read_machine(MILL), effects=(EffectSpec("backlash", {"joint": "X"}),))
-    lines = ["machine,survey,id,type"]
-    for kind in "AB":
-        for i in range(5):
-            play = kind == "A" or i == 3
-            table = simulate(worn if play else MILL, 60, {"X.dx.backlash": 0.012} if play else {}, noise=0.002, seed=i)
-            write(tmp_path / f"{kind}{i}.csv", table.to_csv(index=False))
-            lines.append(f"{MILL},{kind}{i}.csv,{kind}{i},{kind}")
-    result = fleet_of(tmp_path, "\n".join(lines) + "\n", "--command", "diagnose")
-    assert result.code == 0, result.err
-    assert "A: backlash at X in 5 of 5 machines" in result.out
-    machines = pd.read_csv(tmp_path / "out/machines.csv").set_index("id")
-    assert list(machines.index[machines["out"]]) == ["B3"]
-    assert machines.loc["B3", "state"] == "effect"
-    assert "backlash at X" in machines.loc["B3", "why"]
-    assert len(pd.read_csv(tmp_path / "out/findings.csv")) >= 6
-    found = fleet(tmp_path / "list.csv", tmp_path / "out", command="diagnose", workers=1)
-    assert [t.get_text() for t in draw_matrix(found).axes[0].texts] == ["✓"]
-
-
 def test_monitor_watches_on_a_copy_and_by_date(made: Path, tmp_path: Path) -> None:
     (fit,) = (made / "out/parts/M00").iterdir()
     shutil.copytree(fit, tmp_path / "fit")
@@ -371,24 +361,3 @@ def test_monitor_watches_on_a_copy_and_by_date(made: Path, tmp_path: Path) -> No
     table = pd.read_csv(tmp_path / "out/surveys.csv")
     assert list(table["verdict"][1:]) == ["learning"] * 3
     assert table["part"].nunique() == 1
-
-
-def test_iso_figures_of_a_fleet(tmp_path: Path) -> None:
-    """Straightness of X along its travel: one machine bends ten times as much as the others do."""
-    position = np.linspace(-300, 300, 13)
-    lines = ["machine,survey,id"]
-    for k in range(6):
-        bow = (1.0 + 0.05 * k) * (0.03 if k == 4 else 0.003) * (1 - (position / 300) ** 2)
-        rows = pd.DataFrame({"joint": "X", "X": position, "dy": bow, "dz": 0.5 * bow})
-        write(tmp_path / f"m{k}.csv", rows.to_csv(index=False))
-        lines.append(f"{MILL},m{k}.csv,M{k}")
-    result = fleet_of(tmp_path, "\n".join(lines) + "\n", "--command", "iso", "--standard", "230-1")
-    assert result.code == 0, result.out
-    machines = pd.read_csv(tmp_path / "out/machines.csv").set_index("id")
-    assert list(machines.index[machines["out"]]) == ["M4"]
-    done("iso", "230-1", MILL, tmp_path / "m2.csv", "--json", tmp_path / "m2.json")
-    (standard,) = json.loads((tmp_path / "m2.json").read_text())["standards"]
-    table = pd.read_csv(tmp_path / "out/parameters.csv")
-    own = table[table["id"] == "M2"].set_index("parameter")["value"].to_dict()
-    assert own == {f"230-1 {q['name']}": q["value"] for q in standard["quantities"]}
-    assert not len(pd.read_csv(tmp_path / "out/common.csv"))  # a range is never about zero
