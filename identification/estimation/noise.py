@@ -71,12 +71,25 @@ class Noise:
         return out
 
     def weighed(self, columns: Array, edges: Index) -> Array:
-        """Product of series (k, N) and the inverse of the covariance that makes `whitened` ones independent."""
-        out = self.whitened(columns, edges)
-        for a, b in pairwise(edges):
-            out[:, a] *= np.sqrt(self.news)
-            out[:, a:b] = _recursion(out[:, a:b][:, ::-1], self.moving)[:, ::-1]
-            out[:, a : b - 1] -= self.kept * out[:, a + 1 : b]
+        """Product of series (k, N) and the inverse of the covariance that makes `whitened` ones independent.
+
+        Differences that leave the moving average, a tridiagonal system with its covariance, and differences again.
+        """
+        from scipy.linalg.lapack import dpttrs
+
+        first, last = edges[:-1], int(edges[-1])
+        variances, beside = np.ones(last), np.full(max(last - 1, 0), -self.moving)
+        variances[first] = 1 / self.news
+        beside[first[1:] - 1] = 0.0
+        change = columns[:, :last].copy()
+        change[:, 1:] -= self.kept * columns[:, : last - 1]
+        change[:, first] = columns[:, first]
+        solved = dpttrs(variances, beside, change.T, overwrite_b=True)[0].T
+        out = columns.copy()
+        np.multiply(-self.kept, solved[:, 1:], out=out[:, : last - 1])
+        out[:, first[1:] - 1] = 0.0
+        out[:, last - 1 : last] = 0.0
+        out[:, :last] += solved
         return out
 
     def spread(self, columns: Array, edges: Index) -> Array:

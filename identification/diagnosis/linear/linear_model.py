@@ -59,6 +59,8 @@ class LinearModel:
     first : the first poses of observations that have two; `levers` and `table` are those of the second.
     lineage : by which effects it was made; None where by other columns too.
     rows : the rows of the survey that the observations are of; None where these have two poses.
+    plain : observations and ties, and columns of the basis, before the effects of the lineage; None: it has none.
+    holds : of each of these effects, the weights (k,) of the equations that tie its parameters to zero; none: (0,).
     """
 
     chain: Chain
@@ -72,6 +74,8 @@ class LinearModel:
     first: FirstPoses | None = None
     lineage: Lineage | None = None
     rows: SurveyRows | None = None
+    plain: tuple[int, ...] | None = None
+    holds: tuple[Array, ...] = ()
 
     @property
     def size(self) -> int:
@@ -183,20 +187,21 @@ class LinearModel:
         if self.lineage is None:
             return self._extended(effect)
         lineage = self.lineage.further(effect)
-        known: tuple[Array, Array] | None = lineage.known.further.find(lineage.effects)
+        known: tuple[Array, Array, Array] | None = lineage.known.further.find(lineage.effects)
         if known is not None:
             return self._widened(*known, lineage)
-        made = replace(self._extended(effect), lineage=lineage)
-        own = made.basis[:, self.basis.shape[1] :].copy(), made.residual
+        made = replace(self._extended(effect), lineage=lineage, plain=self.plain or self.basis.shape)
+        own = made.basis[:, self.basis.shape[1] :].copy(), made.residual, made.holds[-1]
         lineage.known.further.keep(lineage.effects, own, sum(a.nbytes for a in own))
         return made
 
-    def _widened(self, columns: Array, residual: Array, lineage: Lineage) -> LinearModel:
+    def _widened(self, columns: Array, residual: Array, hold: Array, lineage: Lineage) -> LinearModel:
         """The model with further columns (N + ties, k) of the basis, of which the last ties may be new."""
         size, rank = self.basis.shape
         basis = np.zeros((len(columns), rank + columns.shape[1]))
         basis[:size, :rank], basis[:, rank:] = self.basis, columns
-        return replace(self, basis=basis, residual=residual, lineage=lineage)
+        plain, holds = self.plain or self.basis.shape, (*self.holds, hold)
+        return replace(self, basis=basis, residual=residual, lineage=lineage, plain=plain, holds=holds)
 
     def branch(self) -> LinearModel:
         """The same for an independent search."""
@@ -206,10 +211,11 @@ class LinearModel:
     def _extended(self, effect: Effect) -> LinearModel:
         columns, size = self.columns(effect)
         if not effect.random:
-            return self.with_columns(columns)
+            return replace(self.with_columns(columns), holds=(*self.holds, np.zeros(0)))
         more = np.zeros((len(columns), self.basis.shape[1])), np.zeros(len(columns))
+        hold = self._hold(effect, columns, size)
         wider = replace(self, basis=np.vstack([self.basis, more[0]]), residual=np.append(self.residual, more[1]))
-        return wider.with_columns(np.hstack([columns, np.diag(self._hold(effect, columns, size))]))
+        return replace(wider.with_columns(np.hstack([columns, np.diag(hold)])), holds=(*self.holds, hold))
 
     def square_with(self, effect: Effect) -> float:
         """Residual sum of squares after an effect has been fitted: that of `with_effect`, without making it."""
