@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Hashable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from errormodel.effects.base import Effect
@@ -68,6 +68,10 @@ class Known:
         """One for a search that runs beside others: what one has kept must not change another one's rounding."""
         latest = (self.further, self.columns, self.filtered, self.parts, self.products)
         return Known(*(own.copy() for own in latest), self.numbers.copy(), self.moves.copy())
+
+    def of_columns(self) -> Known:
+        """What does not depend on what was measured."""
+        return replace(self, further=Latest(), filtered=Latest())
 
 
 @dataclass(frozen=True)

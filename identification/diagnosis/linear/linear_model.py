@@ -208,6 +208,11 @@ class LinearModel:
         lineage = self.lineage and replace(self.lineage, known=self.lineage.known.copy())
         return replace(self, lineage=lineage)
 
+    def of_residual(self, residual: Array) -> LinearModel:
+        """The same for another residual (N + ties,) that the basis leaves."""
+        lineage = self.lineage and replace(self.lineage, known=self.lineage.known.of_columns())
+        return replace(self, residual=residual, lineage=lineage)
+
     def _extended(self, effect: Effect) -> LinearModel:
         columns, size = self.columns(effect)
         if not effect.random:
