@@ -39,6 +39,7 @@ MOST_ROWS = 2500  # of a survey: more are thinned out
 MOST_RUNS = 12  # labels; more are no runs of one survey
 MOST_STATIONS = 3
 UNSEEN = 1e-9  # of a column's length squared: less than this of it the basis has not spanned by rounding only
+ONCE_IS_ENOUGH = 0.1  # of a column's length: where as much is left, rounding errors of a projection are not larger
 LEAST_RUN = 8  # rows of a run that may differ
 ROUNDED_LEVER = 1e-12  # of the machine's size (of 1, if that is larger): less of a reading's lever is rounding
 
@@ -104,12 +105,19 @@ class LinearModel:
         """Whitened columns (k, N + ties) of an effect's parameters as they act on the data, and their sizes (k,)."""
         if self.lineage is None:
             return self._own_columns(effect)
-        kept, key = self.lineage.known.columns, (effect, self.size)
-        known: tuple[Array, Array] | None = kept.find(key)
-        if known is None:
-            known = self._own_columns(effect)
-            kept.keep(key, known, known[0].nbytes)
-        return known
+        columns, sizes = self._known_columns(effect) or self._own_columns(effect)
+        self.lineage.known.columns.keep(effect, (columns, sizes), columns.nbytes)
+        return columns[:, : self.size], sizes
+
+    def _known_columns(self, effect: Effect) -> tuple[Array, Array] | None:
+        """The same as they are kept, of at least as many rows: those behind the observations are zero."""
+        known: tuple[Array, Array] | None = None if self.lineage is None else self.lineage.known.columns.find(effect)
+        if known is None or known[0].shape[1] >= self.size:
+            return known
+        columns = np.zeros((len(known[0]), self.size))
+        columns[:, : known[0].shape[1]] = known[0]
+        columns.flags.writeable = False
+        return columns, known[1]
 
     def _own_columns(self, effect: Effect) -> tuple[Array, Array]:
         columns, sizes = self.swept([effect])
@@ -171,16 +179,32 @@ class LinearModel:
         """Columns (k, N + ties) without what the basis spans."""
         return columns - (columns @ self.basis) @ self.basis.T
 
-    def with_columns(self, columns: Array) -> LinearModel:
-        """The linear model after further columns (k, N + ties) have been fitted."""
-        left = self.project(self.project(columns))
+    def with_columns(self, columns: Array, hold: Array | None = None) -> LinearModel:
+        """The linear model after further columns (k, N + ties) have been fitted; `hold` (k,) ties their parameters."""
+        return self._with_left(columns, columns @ self.basis, np.zeros(0) if hold is None else hold)
+
+    def _with_left(self, columns: Array, inner: Array, hold: Array) -> LinearModel:
+        """The same, with the products (k, r) of the columns and the basis."""
+        left, whole = columns - inner @ self.basis.T, np.linalg.norm(columns, axis=1)
+        if (np.linalg.norm(left, axis=1) < ONCE_IS_ENOUGH * whole).any():
+            left = self.project(left)
+        if len(hold):
+            left, whole = np.hstack([left, np.diag(hold)]), np.hypot(whole, hold)
         norms = np.linalg.norm(left, axis=1)
-        keep = norms > 1e-6 * np.linalg.norm(columns, axis=1)
-        if not keep.any():
+        keep = norms > 1e-6 * whole
+        if not (keep.any() or len(hold)):
             return self
         q = orthonormal_basis((left[keep] / norms[keep, None]).T)
-        residual = self.residual - q @ (q.T @ self.residual)
-        return replace(self, basis=np.hstack([self.basis, q]), residual=residual, lineage=None)
+        residual = np.append(self.residual, np.zeros(len(hold)))
+        residual -= q @ (q.T @ residual)
+        return replace(self, basis=self._beside(q), residual=residual, lineage=None)
+
+    def _beside(self, columns: Array) -> Array:
+        """The basis and further columns (N + ties, k), of which the last ties may be new."""
+        size, rank = self.basis.shape
+        basis = np.empty((len(columns), rank + columns.shape[1]))
+        basis[:size, :rank], basis[size:, :rank], basis[:, rank:] = self.basis, 0.0, columns
+        return basis
 
     def with_effect(self, effect: Effect) -> LinearModel:
         """The linear model after an effect has been fitted."""
@@ -197,10 +221,8 @@ class LinearModel:
 
     def _widened(self, columns: Array, residual: Array, hold: Array, lineage: Lineage) -> LinearModel:
         """The model with further columns (N + ties, k) of the basis, of which the last ties may be new."""
-        size, rank = self.basis.shape
-        basis = np.zeros((len(columns), rank + columns.shape[1]))
-        basis[:size, :rank], basis[:, rank:] = self.basis, columns
         plain, holds = self.plain or self.basis.shape, (*self.holds, hold)
+        basis = self._beside(columns)
         return replace(self, basis=basis, residual=residual, lineage=lineage, plain=plain, holds=holds)
 
     def branch(self) -> LinearModel:
@@ -215,19 +237,17 @@ class LinearModel:
 
     def _extended(self, effect: Effect) -> LinearModel:
         columns, size = self.columns(effect)
-        if not effect.random:
-            return replace(self.with_columns(columns), holds=(*self.holds, np.zeros(0)))
-        more = np.zeros((len(columns), self.basis.shape[1])), np.zeros(len(columns))
-        hold = self._hold(effect, columns, size)
-        wider = replace(self, basis=np.vstack([self.basis, more[0]]), residual=np.append(self.residual, more[1]))
-        return replace(wider.with_columns(np.hstack([columns, np.diag(hold)])), holds=(*self.holds, hold))
+        inner, hold = columns @ self.basis, np.zeros(0)
+        if effect.random:
+            hold = self._hold(effect, columns, size, inner)
+        return replace(self._with_left(columns, inner, hold), holds=(*self.holds, hold))
 
     def square_with(self, effect: Effect) -> float:
         """Residual sum of squares after an effect has been fitted: that of `with_effect`, without making it."""
         if effect.random:
             return self.with_effect(effect).square
-        known = None if self.lineage is None else self.lineage.known.columns.find((effect, self.size))
-        columns, _ = known or self._own_columns(effect)  # not kept: of a shape that is tried out once
+        columns, _ = self._known_columns(effect) or self._own_columns(effect)  # not kept: it may be tried out once
+        columns = columns[:, : self.size]
         norms = np.linalg.norm(columns, axis=1)
         scaled = columns[norms > 0] / norms[norms > 0, None]
         inner = scaled @ self.basis
@@ -244,11 +264,17 @@ class LinearModel:
         """Decrease of the residual sum of squares in a larger model, in this model's noise variances."""
         return (self.square - after.square) * self.freedom / self.square
 
-    def _hold(self, effect: Effect, columns: Array, size: Array) -> Array:
-        """Weight of each parameter's equation ``0 = parameter``, (k,), in units of the noise that the effect leaves."""
+    def _hold(self, effect: Effect, columns: Array, size: Array, inner: Array | None = None) -> Array:
+        """Weight of each parameter's equation ``0 = parameter``, (k,), in units of the noise that the effect leaves.
+
+        Parameters
+        ----------
+        inner : products (k, r) of the columns and the basis, where they are made already.
+        """
         if not effect.random:
             return np.zeros(len(size))
-        noise = self.random(columns).noise(float(size[0]))
+        random = RandomEffects.of(columns, self.basis, self.residual, self.freedom, inner)
+        noise = random.noise(float(size[0]))
         return np.asarray(np.sqrt(noise) / size)
 
     def estimates(self, effects: Sequence[Effect]) -> tuple[Array, Array]:

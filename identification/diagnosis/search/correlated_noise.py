@@ -31,20 +31,20 @@ def evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tu
     """Log Bayes factor of each group of effects, given the linear model: in white noise, and over all noises."""
     from scipy.special import logsumexp
 
-    counts = [sum(len(linear.columns(e)[1]) for e in group) for group in groups]
-    ends = np.cumsum([0, *counts]).tolist()
+    sizes = [np.concatenate([linear.columns(e)[1] for e in group]) for group in groups]  # usual ones
+    ends = np.cumsum([0, *map(len, sizes)]).tolist()
     mains = [main for main, *_ in groups]
     kinds: dict[tuple[bool, int], list[int]] = {}
     for k, main in enumerate(mains):
-        kinds.setdefault((main.random, counts[k]), []).append(k)
+        kinds.setdefault((main.random, len(sizes[k])), []).append(k)
     rows, model = [], filtered_model(linear)
     for filtered, left in zip(model.filtered, model.left_of(groups), strict=True):
         gains = np.empty(len(groups))
         for (random, _), some in kinds.items():
-            own = [slice(ends[k], ends[k + 1]) for k in some]
-            gram, slope, square = (
-                np.array(v) for v in ([left.grams[k] for k in some], *([a[s] for s in own] for a in left[1:]))
-            )
+            own, size = [slice(ends[k], ends[k + 1]) for k in some], np.array([sizes[k] for k in some])
+            gram = np.array([left.grams[k] for k in some]) * size[:, :, None] * size[:, None, :]
+            slope = np.array([left.slopes[s] for s in own]) * size
+            square = np.array([left.squares[s] for s in own]) * size**2
             undefined = ~np.isfinite(gram).all(axis=(1, 2))
             gram[undefined], slope[undefined], square[undefined] = 0.0, 0.0, 0.0
             square = np.maximum(square, NOTHING)
