@@ -18,7 +18,7 @@ from identification.diagnosis.linear.known_models import Known, Latest, Lineage
 from identification.diagnosis.linear.linear_model import LinearModel, set_up
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.blocks import Vectors
-from identification.diagnosis.search.candidates import Candidates
+from identification.diagnosis.search.candidates import Candidates, score_of
 from identification.diagnosis.search.filtered_models import FromBasis, FromProducts
 from identification.estimation.fit import fit_machine
 from identification.estimation.noise import Noise
@@ -76,6 +76,15 @@ def test_scores_are_the_same_whatever_was_scored_before(
     np.testing.assert_array_equal(seen, np.isfinite(by_steps.evidence))
     np.testing.assert_allclose(by_steps.evidence[seen], at_once.evidence[seen], rtol=1e-3, atol=0.02)
     assert branch.scores(last).evidence is by_steps.evidence
+
+
+def test_one_effect_has_the_score_that_it_has_in_a_list(linear: LinearModel, some: list[Effect]) -> None:
+    """But for rounding: a list's columns are kept in single precision."""
+    for k, effect in enumerate(some):
+        model = beside(linear, some[:k])
+        scores = Candidates.of(model, [effect]).scores(model)
+        of_list = scores.evidence[0], scores.delta_chi2[0], scores.absorbed[0]
+        np.testing.assert_allclose(score_of(model, effect) or (), of_list, rtol=1e-3, atol=1e-3)
 
 
 def test_scores_of_lists_that_were_joined_are_those_of_each(

@@ -52,7 +52,7 @@ class Known:
     further : by the effects of a model, what the last one adds to the basis, and the residual.
     columns : of effects.
     filtered : by the effects of a model, what it is behind the filter of each noise.
-    parts, products : of effects, by their `numbers`, the columns without the geometry and their products under each noise.
+    parts, products : of effects, by their `numbers`: columns without the geometry, and their products under each noise.
     moves : of effects, the elements and motions that they move.
     """
 

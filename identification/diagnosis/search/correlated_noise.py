@@ -17,7 +17,7 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.random_effects import RandomEffects
 from identification.diagnosis.search.blocks import NOTHING
 from identification.diagnosis.search.candidates import free_scores, random_scores
-from identification.diagnosis.search.filtered_models import Dependent, FilteredModel, FromBasis, FromProducts
+from identification.diagnosis.search.filtered_models import DependentError, FilteredModel, FromBasis, FromProducts
 from identification.diagnosis.search.weighed_products import WeighedProducts
 from identification.estimation.noise import Noise, noises, series_edges
 
@@ -86,7 +86,7 @@ def _beforehand(count: int) -> Array:
 
 
 def filtered_model(linear: LinearModel, *, drifts: bool = False) -> FilteredModel:
-    """A linear model behind the filter of white and of each correlated noise; `drifts`: of those larger than noise is."""
+    """A linear model behind the filter of white and of each correlated noise; `drifts`: of those that are no noise."""
     considered = _noises(linear, drifts)
     if linear.lineage is None:
         return FromBasis(linear, considered)
@@ -96,7 +96,7 @@ def filtered_model(linear: LinearModel, *, drifts: bool = False) -> FilteredMode
     if known is None:
         try:
             known = FromProducts(linear, WeighedProducts(linear, considered, name))
-        except Dependent:
+        except DependentError:
             known = FromBasis(linear, considered)
         kept.keep(key, known, sum(f.triangle.nbytes for f in known.filtered))
     return known

@@ -123,7 +123,7 @@ class FromBasis:
             yield Left(grams, slopes, np.einsum("kn,kn->k", weighed, columns))
 
 
-class Dependent(Exception):
+class DependentError(Exception):
     """The columns of a model's effects are too alike for their products to tell them apart."""
 
 
@@ -134,7 +134,7 @@ class FromProducts:
 
     Raises
     ------
-    Dependent
+    DependentError
         Products are not exact enough for what these effects leave of each other.
     """
 
@@ -158,8 +158,8 @@ class FromProducts:
                 along[:, own] += hold * tied[at : at + len(hold)]
                 at += len(hold)
         scale = np.sqrt(diagonal[0])
-        for own in whole:
-            own /= scale[:, None] * scale
+        for k in range(len(whole)):
+            whole[k] /= scale[:, None] * scale
         some = _independent(whole[0], linear.basis.shape[1])
         if len(some) < len(scale):
             whole, along, scale = whole[:, some[:, None], some], along[:, some], scale[some]
@@ -188,14 +188,15 @@ class FromProducts:
         numbers = [[self._products.number(e) for e in group] for group in groups]
         every = list(dict.fromkeys(n for group in numbers for n in group))
         crossed = self._products.between(every, self._numbers)
+        geometry = self._products.between([GEOMETRY], [GEOMETRY])[GEOMETRY, GEOMETRY]
         inner, slopes, squares = dict[int, Array](), dict[int, Array](), dict[int, Array]()
         for n in every:
             part, along = self._products.part(n), crossed[n, GEOMETRY]
             inner[n] = self._inner([crossed[one, n] for one in self._numbers])
             own = self._products.between([n], [n])[n, n]
             # what the geometry has taken is part of the columns' own lengths
-            whole = crossed[n, GEOMETRY] + part.taken @ self._products.between([GEOMETRY], [GEOMETRY])[GEOMETRY, GEOMETRY]
-            squares[n] = np.einsum("nkk->nk", own) + np.einsum("nkr,kr->nk", whole + along, part.taken)
+            further = np.einsum("nkr,kr->nk", 2 * along + part.taken @ geometry, part.taken)
+            squares[n] = np.einsum("nkk->nk", own) + further
             slopes[n] = self._slopes(self._weighed @ part.left.T, inner[n])
         grams = [self._grams(group, inner) for group in numbers]
         order = [n for group in numbers for n in group]
@@ -243,7 +244,7 @@ def _independent(whole: Array, rank: int) -> Index:
 
     Raises
     ------
-    Dependent
+    DependentError
         There are more or fewer.
     """
     from scipy.linalg.lapack import dpstrf
@@ -252,7 +253,7 @@ def _independent(whole: Array, rank: int) -> Index:
         return np.arange(rank)
     _, order, found, _ = dpstrf(whole, tol=ROUNDED, lower=True)
     if found != rank:
-        raise Dependent
+        raise DependentError
     return np.sort(order[:rank] - 1)
 
 
@@ -261,12 +262,12 @@ def _triangle(whole: Array) -> Array:
 
     Raises
     ------
-    Dependent
+    DependentError
         A column depends on others.
     """
     from scipy.linalg.lapack import dpotrf
 
     upper, failed = dpotrf(whole.T, lower=False, clean=True, overwrite_a=True)
     if failed or np.diag(upper).min(initial=1.0) < DEPENDENT:
-        raise Dependent
+        raise DependentError
     return np.asarray(upper.T)

@@ -1,9 +1,8 @@
 """Products of effects' columns under each noise model, made once for all linear models of one geometry.
 
-A linear model is the geometry and some effects. What it needs behind the filter that makes a noise white are products of
-their columns with each other, and these are the same in every model of that geometry: one with an effect less, or
-with another one, is put together of what is there. Only the equations that tie random effects to zero differ, and no
-filter touches these.
+A linear model is the geometry and some effects. What it needs behind the filter that makes a noise white are products
+of their columns, and these are the same in every model of that geometry: one with an effect less, or with another one,
+is put together of what is there. Only the equations that tie random effects to zero differ: no filter touches these.
 """
 
 from __future__ import annotations
@@ -121,4 +120,3 @@ class WeighedProducts:
 
 def _both(one: int, other: int, products: Array) -> dict[tuple[int, int], Array]:
     return {(one, other): products, (other, one): products.transpose(0, 2, 1)}
-
