@@ -66,8 +66,9 @@ class Known:
 
     def copy(self) -> Known:
         """One for a search that runs beside others: what one has kept must not change another one's rounding."""
-        latest = (self.further, self.columns, self.filtered, self.parts, self.products)
-        return Known(*(own.copy() for own in latest), self.numbers.copy(), self.moves.copy())
+        further, columns, filtered = self.further.copy(), self.columns.copy(), self.filtered.copy()
+        parts, products = self.parts.copy(), self.products.copy()
+        return Known(further, columns, filtered, parts, products, self.numbers.copy(), self.moves.copy())
 
     def of_columns(self) -> Known:
         """What does not depend on what was measured."""

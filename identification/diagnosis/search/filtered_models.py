@@ -99,7 +99,7 @@ class FromBasis:
         if noise is None:
             return Filtered.of(np.eye(len(both) - 1), np.zeros(len(both) - 1), self._linear.square, freedom)
         white = noise.whitened(both, self._edges)
-        whole = white @ white.T
+        whole: Array = white @ white.T
         return Filtered.of(np.linalg.cholesky(whole[:-1, :-1]), whole[-1, :-1], float(whole[-1, -1]), freedom)
 
     def left_of(self, groups: Sequence[Sequence[Effect]]) -> Iterator[Left]:
@@ -222,7 +222,7 @@ class FromProducts:
     def _inner(self, crossed: Sequence[Array]) -> Array:
         """Filtered columns along the orthonormal ones of the model, (noises, r, k), from products (noises, ., k)."""
         free = [own[:, rows] for own, rows in zip(crossed, self._free, strict=True)]
-        out = np.concatenate(free, axis=1)[:, self._some] / self._scale[:, None]
+        out: Array = np.concatenate(free, axis=1)[:, self._some] / self._scale[:, None]
         for own, behind in zip(out, self.filtered, strict=True):
             own[:] = solved(behind.triangle, own)
         return out
