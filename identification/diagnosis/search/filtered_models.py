@@ -100,7 +100,8 @@ class FromBasis:
             return Filtered.of(np.eye(len(both) - 1), np.zeros(len(both) - 1), self._linear.square, freedom)
         white = noise.whitened(both, self._edges)
         whole: Array = white @ white.T
-        return Filtered.of(np.linalg.cholesky(whole[:-1, :-1]), whole[-1, :-1], float(whole[-1, -1]), freedom)
+        triangle = np.asarray(np.linalg.cholesky(whole[:-1, :-1]), float)
+        return Filtered.of(triangle, whole[-1, :-1], float(whole[-1, -1]), freedom)
 
     def left_of(self, groups: Sequence[Sequence[Effect]]) -> Iterator[Left]:
         columns = [np.vstack([self._linear.columns(e)[0] for e in group]) for group in groups]
