@@ -104,5 +104,5 @@ def filtered_model(linear: LinearModel, *, drifts: bool = False) -> FilteredMode
 
 def _noises(linear: LinearModel, drifts: bool) -> list[Noise | None]:
     """White noise, and all correlated noises that either drift or do not."""
-    longest = np.clip(PART * np.diff(series_edges(linear.index)).max(), *LONGEST)
-    return [None, *(n for n in noises() if (n.length > longest or n.part > LARGEST) is drifts)]
+    longest = float(np.clip(PART * np.diff(series_edges(linear.index)).max(), *LONGEST))
+    return [None, *(n for n in noises() if (n.length > longest or n.part > LARGEST) == drifts)]
