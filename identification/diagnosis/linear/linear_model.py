@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from errormodel.arrays import Array, Index, Mask
+from errormodel.arrays import Array, Index
 from errormodel.chain import TOOL_CHANNELS, Chain
-from errormodel.channels import POINT_CHANNELS, columns, root
 from errormodel.conventions import MOTIONS
 from errormodel.effects.base import Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
@@ -27,6 +26,7 @@ from identification.diagnosis.linear.first_poses import FirstPoses
 from identification.diagnosis.linear.known_models import Lineage
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.linear.random_effects import EXACT, RandomEffects
+from identification.diagnosis.linear.row_channels import LazyChannels, RowChannels, runs_of
 from identification.diagnosis.linear.row_residuals import noise_mm
 from identification.diagnosis.linear.survey_rows import SurveyRows
 from identification.estimation.noise import RESIDUAL_ROUND_OFF_SHARE
@@ -231,7 +231,7 @@ class LinearModel:
         return replace(self, lineage=lineage)
 
     def of_residual(self, residual: Array) -> LinearModel:
-        """The same for another residual (N + ties,) that the basis leaves."""
+        """The same for another residual."""
         lineage = self.lineage and replace(self.lineage, known=self.lineage.known.of_columns())
         return replace(self, residual=residual, lineage=lineage)
 
@@ -292,37 +292,6 @@ class LinearModel:
         return np.digitize(self.index, edges) - 1
 
 
-class _Lazy(dict[str, Array]):
-    """Channels at the observations: made when first asked for."""
-
-    def __init__(self, source: Mapping[str, Array], keep: Mask | Index) -> None:
-        super().__init__()
-        self._source, self._keep = source, keep
-
-    def __missing__(self, name: str) -> Array:
-        self[name] = self._source[name][self._keep]
-        return self[name]
-
-
-class _Channels(dict[str, Array]):
-    """Channels over a survey's rows: made when first asked for. Derived ones, of which there are many, are not kept."""
-
-    def __init__(self, survey: Survey, points: Array) -> None:
-        super().__init__(zip(POINT_CHANNELS, points, strict=True))
-        # labels as numbers: channels that follow files and runs ask for them again and again
-        labels = {name: survey.table[name].astype("category") for name in ("file", "run") if name in survey.table}
-        self._table = survey.table.assign(**labels)
-
-    def __missing__(self, name: str) -> Array:
-        side = f"dir_{root(name)}"
-        if name.startswith("play(") and side not in self:  # what every width of it asks for
-            self._table = self._table.assign(**{side: self[side]})
-        (values,) = columns(self._table, [name])
-        if name == root(name):
-            self[name] = values
-        return values
-
-
 def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     """The linear model of a fit, in units of its noise, of at most `most` rows."""
     chain, problem, solution = fit.chain, fit.problem, fit.solution
@@ -330,7 +299,7 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     base = solution.groups.base
     zero = np.zeros(len(chain.ids))
     points = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(fit.survey.table))
-    table = _Channels(fit.survey, points)
+    table = RowChannels(fit.survey, points)
     residuals, designs, levers, indices = [], [], [], []
     views = [v for v in problem.views if isinstance(v, PositionView | ReadingView)]
     total = sum(len(v) for v in views)
@@ -371,9 +340,11 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     round_off = len(left) * (RESIDUAL_ROUND_OFF_SHARE * chain.size / max(noise, 1e-300)) ** 2
     index = rows[live]
     seen_rows, number = np.unique(index, return_inverse=True)
-    own = _Lazy(table, seen_rows)
+    own = LazyChannels(table, seen_rows)
     by_row = SurveyRows.of(number, own) if first is None else None
-    return LinearModel(chain, left, q, arms_of, _Lazy(own, number), index, scene, round_off, first, Lineage(), by_row)
+    return LinearModel(
+        chain, left, q, arms_of, LazyChannels(own, number), index, scene, round_off, first, Lineage(), by_row
+    )
 
 
 def _arms(view: PositionView | ReadingView) -> Array:
@@ -395,9 +366,9 @@ def _first_poses(fit: Fit, arms: Array, rows: Index) -> FirstPoses:
     at = np.flatnonzero(arms.any(axis=0))
     chain = fit.chain
     survey = replace(fit.survey, table=start_of(fit.survey.table, chain.machine))
-    table = _Channels(survey, chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(survey.table)))
+    table = RowChannels(survey, chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(survey.table)))
     levers = {n: arms[6 * k : 6 * k + 6, at] for k, n in enumerate(chain.element_names)}
-    return FirstPoses(at, levers, _Lazy(table, rows[at]))
+    return FirstPoses(at, levers, LazyChannels(table, rows[at]))
 
 
 def _stations(fit: Fit) -> tuple[Vector, ...]:
@@ -410,23 +381,17 @@ def _stations(fit: Fit) -> tuple[Vector, ...]:
 
 def unused_runs(survey: Survey) -> list[tuple[str, int]]:
     """Labels of runs that drive no candidate where there are several, with the number of their rows."""
-    runs = _runs(survey)
+    runs = runs_of(survey)
     many = len(runs) > MOST_RUNS
     return [(label, n) for label, n in runs if many or n < LEAST_RUN] if len(runs) > 1 else []
 
 
-def _runs(survey: Survey) -> list[tuple[str, int]]:
-    """Labels of the runs in order, with the number of their rows."""
-    counts = survey.table["run"].value_counts()
-    return sorted(zip(map(str, counts.index), counts.tolist(), strict=True))
-
-
-def _scene_columns(survey: Survey, table: _Channels, chain: Chain, dead: Collection[str]) -> dict[str, Array]:
+def _scene_columns(survey: Survey, table: RowChannels, chain: Chain, dead: Collection[str]) -> dict[str, Array]:
     """Summary of the survey's rows, with the direction of approach of every joint whose column or order gives it."""
     plain = ("time", "feed", "load", *TOOL_CHANNELS)
     names = [c for c in survey.table.columns if (str(c).startswith(("T_", "w_")) and c not in dead) or c in plain]
     columns = {str(n): survey.table[n].to_numpy(dtype=float) for n in names}
-    runs = _runs(survey)
+    runs = runs_of(survey)
     if 2 <= len(runs) <= MOST_RUNS:  # of two, one is enough
         several = [label for label, n in runs if n >= LEAST_RUN][len(runs) == 2 :]
         columns |= {f"run({label})": table[f"run({label})"] for label in several}
