@@ -232,8 +232,8 @@ class LinearModel:
 
     def of_residual(self, residual: Array) -> LinearModel:
         """The same for another residual."""
-        lineage = self.lineage and replace(self.lineage, known=self.lineage.known.of_columns())
-        return replace(self, residual=residual, lineage=lineage)
+        of_columns = self.lineage and replace(self.lineage, known=self.lineage.known.of_columns())
+        return replace(self, residual=residual, lineage=of_columns)
 
     def _extended(self, effect: Effect) -> LinearModel:
         columns, size = self.columns(effect)
@@ -320,8 +320,7 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     rows = np.concatenate(indices)
     live = np.abs(design).max(axis=1, initial=0.0) + np.abs(stacked).max(axis=0) > 0  # components that were measured
     # what the machine's own effects tie to zero is tied here too
-    hold = np.sqrt(solution.precision[base])
-    ties = np.diag(hold)[hold > 0]
+    ties = np.diag(hold := np.sqrt(solution.precision[base]))[hold > 0]
     design = np.vstack([design[live], ties])
     norms = np.linalg.norm(design, axis=0)
     seen = norms > 1e-12 * norms.max(initial=0.0)  # a mount's orientation moves no position
@@ -332,9 +331,10 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     arms_of = {n: stacked[6 * k : 6 * k + 6][:, live] for k, n in enumerate(names)}
     first = _first_poses(fit, np.hstack(firsts)[:, live], rows[live]) if firsts else None
     dead = dead_sensors(fit.survey)
-    seen_columns = _scene_columns(fit.survey, table, chain, dead)
     read = tuple(dict.fromkeys(v.kind for v in problem.readings))
-    scene = Scene(chain.machine, seen_columns, _stations(fit), fit.survey.motions_of, dead, read)
+    scene = Scene(
+        chain.machine, _scene_columns(fit.survey, table, chain, dead), _stations(fit), fit.survey.motions_of, dead, read
+    )
     left = residual - q @ (q.T @ residual)
     noise = noise_mm(fit)
     round_off = len(left) * (RESIDUAL_ROUND_OFF_SHARE * chain.size / max(noise, 1e-300)) ** 2
