@@ -267,9 +267,7 @@ class LinearModel:
     def _hold(self, effect: Effect, columns: Array, size: Array, inner: Array | None = None) -> Array:
         """Weight of each parameter's equation ``0 = parameter``, (k,), in units of the noise that the effect leaves.
 
-        Parameters
-        ----------
-        inner : products (k, r) of the columns and the basis, where they are made already.
+        `inner` are products (k, r) of the columns and the basis, where they are made already.
         """
         if not effect.random:
             return np.zeros(len(size))
