@@ -62,21 +62,41 @@ class Noise:
 
         Values behind the last edge stay as they are.
         """
+        from scipy.linalg.lapack import dtbtrs
+
+        first, last = edges[:-1], int(edges[-1])
+        bands = np.vstack([np.ones(last), np.full(last, -self.moving)])
+        bands[1, first[1:] - 1] = 0.0
         out = columns.copy()
-        for a, b in pairwise(edges):
-            change = columns[:, a:b].copy()
-            change[:, 1:] -= self.kept * columns[:, a : b - 1]
-            out[:, a:b] = _recursion(change, self.moving)
-            out[:, a] *= np.sqrt(self.news)  # the first row has the variance of the process
+        out[:, :last] = dtbtrs(bands, self._changes(columns, edges).T, uplo="L", diag="U", overwrite_b=True)[0].T
+        out[:, first] *= np.sqrt(self.news)  # the first row has the variance of the process
+        return out
+
+    def _changes(self, columns: Array, edges: Index) -> Array:
+        """Series (k, N) less what the correlated part keeps of the row before."""
+        first, last = edges[:-1], int(edges[-1])
+        out = columns[:, :last].copy()
+        out[:, 1:] -= self.kept * columns[:, : last - 1]
+        out[:, first] = columns[:, first]
         return out
 
     def weighed(self, columns: Array, edges: Index) -> Array:
-        """Product of series (k, N) and the inverse of the covariance that makes `whitened` ones independent."""
-        out = self.whitened(columns, edges)
-        for a, b in pairwise(edges):
-            out[:, a] *= np.sqrt(self.news)
-            out[:, a:b] = _recursion(out[:, a:b][:, ::-1], self.moving)[:, ::-1]
-            out[:, a : b - 1] -= self.kept * out[:, a + 1 : b]
+        """Product of series (k, N) and the inverse of the covariance that makes `whitened` ones independent.
+
+        Differences that leave the moving average, a tridiagonal system with its covariance, and differences again.
+        """
+        from scipy.linalg.lapack import dpttrs
+
+        first, last = edges[:-1], int(edges[-1])
+        variances, beside = np.ones(last), np.full(max(last - 1, 0), -self.moving)
+        variances[first] = 1 / self.news
+        beside[first[1:] - 1] = 0.0
+        solved = dpttrs(variances, beside, self._changes(columns, edges).T, overwrite_b=True)[0].T
+        out = columns.copy()
+        np.multiply(-self.kept, solved[:, 1:], out=out[:, : last - 1])
+        out[:, first[1:] - 1] = 0.0
+        out[:, last - 1 : last] = 0.0
+        out[:, :last] += solved
         return out
 
     def spread(self, columns: Array, edges: Index) -> Array:
@@ -121,10 +141,11 @@ def likeliest(residual: Array, design: Array, edges: Index) -> tuple[Noise | Non
     free = len(residual) - len(design)
     square = float(residual @ residual)
     best, least, variance = None, np.inf, square / free
+    # orthonormal columns stay well conditioned behind a filter: their products will do
+    both = np.vstack([np.linalg.qr(design.T)[0].T, residual])
     for noise in (None, *noises()):
-        both = np.vstack([design, residual])
-        both = both if noise is None else noise.whitened(both, edges)
-        triangle = np.abs(np.diag(np.linalg.qr(both.T, mode="r")))
+        white = both if noise is None else noise.whitened(both, edges)
+        triangle = np.diag(np.linalg.cholesky(white @ white.T))
         minus = free * float(np.log(triangle[-1])) + float(np.log(triangle[:-1]).sum())
         # prior: uniform in the logarithm of the length; a length like that of the run is hardly visible in residuals
         minus += 0.0 if noise is None else LEAST_LOG_LIKELIHOOD_GAIN + float(np.log(noise.length))

@@ -9,15 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from errormodel.arrays import Array, Index
 from errormodel.effects.base import Effect
+from errormodel.effects.unnamed import Unnamed
 from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
 from identification.diagnosis.linear.known_models import Known, Latest, Lineage
 from identification.diagnosis.linear.linear_model import LinearModel, set_up
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.blocks import Vectors
-from identification.diagnosis.search.candidates import Candidates
+from identification.diagnosis.search.candidates import Candidates, score_of
+from identification.diagnosis.search.filtered_models import FromBasis, FromProducts
 from identification.estimation.fit import fit_machine
+from identification.estimation.noise import Noise
 
 GANTRY = Path(__file__).parents[2] / "machines/examples/gantry"
 
@@ -74,6 +78,15 @@ def test_scores_are_the_same_whatever_was_scored_before(
     assert branch.scores(last).evidence is by_steps.evidence
 
 
+def test_one_effect_has_the_score_that_it_has_in_a_list(linear: LinearModel, some: list[Effect]) -> None:
+    """But for rounding: a list's columns are kept in single precision."""
+    for k, effect in enumerate(some):
+        model = beside(linear, some[:k])
+        scores = Candidates.of(model, [effect]).scores(model)
+        of_list = scores.evidence[0], scores.delta_chi2[0], scores.absorbed[0]
+        np.testing.assert_allclose(score_of(model, effect) or (), of_list, rtol=1e-3, atol=1e-3)
+
+
 def test_scores_of_lists_that_were_joined_are_those_of_each(
     linear: LinearModel, candidates: Candidates, some: list[Effect]
 ) -> None:
@@ -94,6 +107,41 @@ def test_evidence_in_any_noise_is_the_same_step_by_step(linear: LinearModel, som
     model = beside(linear, some[:-1])
     by_steps = coloured.evidence(model, alone)
     np.testing.assert_allclose(by_steps, coloured.evidence(replace(model, lineage=None), alone), rtol=1e-8)
+
+
+def test_a_model_without_one_of_its_effects_is_made_of_products_that_are_there(
+    linear: LinearModel, some: list[Effect], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing but the residual is filtered anew, and the evidence is that of the model that is made anew."""
+    coloured.evidence(beside(linear, some[:-1]), [[some[-1]]])
+    filtered = list[int]()
+    weighed = Noise.weighed
+
+    def counted(noise: Noise, columns: Array, edges: Index) -> Array:
+        filtered.append(len(columns))
+        return weighed(noise, columns, edges)
+
+    for one in some[:-1]:
+        model = beside(linear, [e for e in some if e is not one])
+        with monkeypatch.context() as patch:
+            patch.setattr(Noise, "weighed", counted)
+            found = coloured.evidence(model, [[one]])
+        np.testing.assert_allclose(found, coloured.evidence(replace(model, lineage=None), [[one]]), rtol=1e-8)
+    assert set(filtered) == {1}
+
+
+def test_effects_that_hold_each_other_or_nearly_so_have_the_evidence_of_what_they_span(linear: LinearModel) -> None:
+    """A line beside a line and a parabola adds nothing; where products cannot tell, the basis is taken."""
+    driver, moved = (j.name for j in linear.scene.moving[:2])
+    common = {"element": moved, "motion": "eb", "driver": driver, "center": 0.0, "half_range": 500.0}
+    line, square, cubic = (Unnamed.model_validate({**common, "form": f}) for f in ("linear", "square", "cubic"))
+    wave, alike = (Unnamed.model_validate({**common, "period": p}) for p in (200.0, 200.0 * (1 + 1e-6)))
+    for effects, rank, kind in (([line, square], 2, FromProducts), ([wave, alike], 4, FromBasis)):
+        model = beside(linear, effects)
+        assert model.basis.shape[1] == linear.basis.shape[1] + rank
+        found, anew = (coloured.evidence(m, [[cubic]]) for m in (model, replace(model, lineage=None)))
+        np.testing.assert_allclose(found, anew, rtol=1e-7)
+        assert isinstance(coloured.filtered_model(model), kind)
 
 
 def test_columns_of_one_lever_are_sums_over_rows(linear: LinearModel, candidates: Candidates) -> None:

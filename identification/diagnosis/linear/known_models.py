@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Hashable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from errormodel.effects.base import Effect
@@ -51,18 +51,28 @@ class Known:
     ----------
     further : by the effects of a model, what the last one adds to the basis, and the residual.
     columns : of effects.
-    filtered : by the effects of a model, its filtered bases.
+    filtered : by the effects of a model, what it is behind the filter of each noise.
+    parts, products : of effects, by their `numbers`: columns without the geometry, and their products under each noise.
     moves : of effects, the elements and motions that they move.
     """
 
     further: Latest = field(default_factory=Latest)
     columns: Latest = field(default_factory=Latest)
     filtered: Latest = field(default_factory=Latest)
+    parts: Latest = field(default_factory=Latest)
+    products: Latest = field(default_factory=Latest)
+    numbers: dict[Effect, int] = field(default_factory=dict)
     moves: dict[Effect, frozenset[tuple[str, str]]] = field(default_factory=dict)
 
     def copy(self) -> Known:
         """One for a search that runs beside others: what one has kept must not change another one's rounding."""
-        return Known(self.further.copy(), self.columns.copy(), self.filtered.copy(), self.moves.copy())
+        further, columns, filtered = self.further.copy(), self.columns.copy(), self.filtered.copy()
+        parts, products = self.parts.copy(), self.products.copy()
+        return Known(further, columns, filtered, parts, products, self.numbers.copy(), self.moves.copy())
+
+    def of_columns(self) -> Known:
+        """What does not depend on what was measured."""
+        return replace(self, further=Latest(), filtered=Latest())
 
 
 @dataclass(frozen=True)

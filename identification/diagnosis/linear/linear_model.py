@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from errormodel.arrays import Array, Index, Mask
+from errormodel.arrays import Array, Index
 from errormodel.chain import TOOL_CHANNELS, Chain
-from errormodel.channels import POINT_CHANNELS, columns, root
 from errormodel.conventions import MOTIONS
 from errormodel.effects.base import Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
@@ -27,6 +26,7 @@ from identification.diagnosis.linear.first_poses import FirstPoses
 from identification.diagnosis.linear.known_models import Lineage
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.linear.random_effects import EXACT, RandomEffects
+from identification.diagnosis.linear.row_channels import LazyChannels, RowChannels, runs_of
 from identification.diagnosis.linear.row_residuals import noise_mm
 from identification.diagnosis.linear.survey_rows import SurveyRows
 from identification.estimation.noise import RESIDUAL_ROUND_OFF_SHARE
@@ -39,6 +39,7 @@ MOST_ROWS = 2500  # of a survey: more are thinned out
 MOST_RUNS = 12  # labels; more are no runs of one survey
 MOST_STATIONS = 3
 UNSEEN = 1e-9  # of a column's length squared: less than this of it the basis has not spanned by rounding only
+ONCE_IS_ENOUGH = 0.1  # of a column's length: where as much is left, rounding errors of a projection are not larger
 LEAST_RUN = 8  # rows of a run that may differ
 ROUNDED_LEVER = 1e-12  # of the machine's size (of 1, if that is larger): less of a reading's lever is rounding
 
@@ -59,6 +60,8 @@ class LinearModel:
     first : the first poses of observations that have two; `levers` and `table` are those of the second.
     lineage : by which effects it was made; None where by other columns too.
     rows : the rows of the survey that the observations are of; None where these have two poses.
+    plain : observations and ties, and columns of the basis, before the effects of the lineage; None: it has none.
+    holds : of each of these effects, the weights (k,) of the equations that tie its parameters to zero; none: (0,).
     """
 
     chain: Chain
@@ -72,6 +75,8 @@ class LinearModel:
     first: FirstPoses | None = None
     lineage: Lineage | None = None
     rows: SurveyRows | None = None
+    plain: tuple[int, ...] | None = None
+    holds: tuple[Array, ...] = ()
 
     @property
     def size(self) -> int:
@@ -100,12 +105,19 @@ class LinearModel:
         """Whitened columns (k, N + ties) of an effect's parameters as they act on the data, and their sizes (k,)."""
         if self.lineage is None:
             return self._own_columns(effect)
-        kept, key = self.lineage.known.columns, (effect, self.size)
-        known: tuple[Array, Array] | None = kept.find(key)
-        if known is None:
-            known = self._own_columns(effect)
-            kept.keep(key, known, known[0].nbytes)
-        return known
+        columns, sizes = self._known_columns(effect) or self._own_columns(effect)
+        self.lineage.known.columns.keep(effect, (columns, sizes), columns.nbytes)
+        return columns[:, : self.size], sizes
+
+    def _known_columns(self, effect: Effect) -> tuple[Array, Array] | None:
+        """The same as they are kept, of at least as many rows: those behind the observations are zero."""
+        known: tuple[Array, Array] | None = None if self.lineage is None else self.lineage.known.columns.find(effect)
+        if known is None or known[0].shape[1] >= self.size:
+            return known
+        columns = np.zeros((len(known[0]), self.size))
+        columns[:, : known[0].shape[1]] = known[0]
+        columns.flags.writeable = False
+        return columns, known[1]
 
     def _own_columns(self, effect: Effect) -> tuple[Array, Array]:
         columns, sizes = self.swept([effect])
@@ -167,56 +179,75 @@ class LinearModel:
         """Columns (k, N + ties) without what the basis spans."""
         return columns - (columns @ self.basis) @ self.basis.T
 
-    def with_columns(self, columns: Array) -> LinearModel:
-        """The linear model after further columns (k, N + ties) have been fitted."""
-        left = self.project(self.project(columns))
+    def with_columns(self, columns: Array, hold: Array | None = None) -> LinearModel:
+        """The linear model after further columns (k, N + ties) have been fitted; `hold` (k,) ties their parameters."""
+        return self._with_left(columns, columns @ self.basis, np.zeros(0) if hold is None else hold)
+
+    def _with_left(self, columns: Array, inner: Array, hold: Array) -> LinearModel:
+        """The same, with the products (k, r) of the columns and the basis."""
+        left, whole = columns - inner @ self.basis.T, np.linalg.norm(columns, axis=1)
+        if (np.linalg.norm(left, axis=1) < ONCE_IS_ENOUGH * whole).any():
+            left = self.project(left)
+        if len(hold):
+            left, whole = np.hstack([left, np.diag(hold)]), np.hypot(whole, hold)
         norms = np.linalg.norm(left, axis=1)
-        keep = norms > 1e-6 * np.linalg.norm(columns, axis=1)
-        if not keep.any():
+        keep = norms > 1e-6 * whole
+        if not (keep.any() or len(hold)):
             return self
         q = orthonormal_basis((left[keep] / norms[keep, None]).T)
-        residual = self.residual - q @ (q.T @ self.residual)
-        return replace(self, basis=np.hstack([self.basis, q]), residual=residual, lineage=None)
+        residual = np.append(self.residual, np.zeros(len(hold)))
+        residual -= q @ (q.T @ residual)
+        return replace(self, basis=self._beside(q), residual=residual, lineage=None)
+
+    def _beside(self, columns: Array) -> Array:
+        """The basis and further columns (N + ties, k), of which the last ties may be new."""
+        size, rank = self.basis.shape
+        basis = np.empty((len(columns), rank + columns.shape[1]))
+        basis[:size, :rank], basis[size:, :rank], basis[:, rank:] = self.basis, 0.0, columns
+        return basis
 
     def with_effect(self, effect: Effect) -> LinearModel:
         """The linear model after an effect has been fitted."""
         if self.lineage is None:
             return self._extended(effect)
         lineage = self.lineage.further(effect)
-        known: tuple[Array, Array] | None = lineage.known.further.find(lineage.effects)
+        known: tuple[Array, Array, Array] | None = lineage.known.further.find(lineage.effects)
         if known is not None:
             return self._widened(*known, lineage)
-        made = replace(self._extended(effect), lineage=lineage)
-        own = made.basis[:, self.basis.shape[1] :].copy(), made.residual
+        made = replace(self._extended(effect), lineage=lineage, plain=self.plain or self.basis.shape)
+        own = made.basis[:, self.basis.shape[1] :].copy(), made.residual, made.holds[-1]
         lineage.known.further.keep(lineage.effects, own, sum(a.nbytes for a in own))
         return made
 
-    def _widened(self, columns: Array, residual: Array, lineage: Lineage) -> LinearModel:
+    def _widened(self, columns: Array, residual: Array, hold: Array, lineage: Lineage) -> LinearModel:
         """The model with further columns (N + ties, k) of the basis, of which the last ties may be new."""
-        size, rank = self.basis.shape
-        basis = np.zeros((len(columns), rank + columns.shape[1]))
-        basis[:size, :rank], basis[:, rank:] = self.basis, columns
-        return replace(self, basis=basis, residual=residual, lineage=lineage)
+        plain, holds = self.plain or self.basis.shape, (*self.holds, hold)
+        basis = self._beside(columns)
+        return replace(self, basis=basis, residual=residual, lineage=lineage, plain=plain, holds=holds)
 
     def branch(self) -> LinearModel:
         """The same for an independent search."""
         lineage = self.lineage and replace(self.lineage, known=self.lineage.known.copy())
         return replace(self, lineage=lineage)
 
+    def of_residual(self, residual: Array) -> LinearModel:
+        """The same for another residual."""
+        of_columns = self.lineage and replace(self.lineage, known=self.lineage.known.of_columns())
+        return replace(self, residual=residual, lineage=of_columns)
+
     def _extended(self, effect: Effect) -> LinearModel:
         columns, size = self.columns(effect)
-        if not effect.random:
-            return self.with_columns(columns)
-        more = np.zeros((len(columns), self.basis.shape[1])), np.zeros(len(columns))
-        wider = replace(self, basis=np.vstack([self.basis, more[0]]), residual=np.append(self.residual, more[1]))
-        return wider.with_columns(np.hstack([columns, np.diag(self._hold(effect, columns, size))]))
+        inner, hold = columns @ self.basis, np.zeros(0)
+        if effect.random:
+            hold = self._hold(effect, columns, size, inner)
+        return replace(self._with_left(columns, inner, hold), holds=(*self.holds, hold))
 
     def square_with(self, effect: Effect) -> float:
         """Residual sum of squares after an effect has been fitted: that of `with_effect`, without making it."""
         if effect.random:
             return self.with_effect(effect).square
-        known = None if self.lineage is None else self.lineage.known.columns.find((effect, self.size))
-        columns, _ = known or self._own_columns(effect)  # not kept: of a shape that is tried out once
+        columns, _ = self._known_columns(effect) or self._own_columns(effect)  # not kept: it may be tried out once
+        columns = columns[:, : self.size]
         norms = np.linalg.norm(columns, axis=1)
         scaled = columns[norms > 0] / norms[norms > 0, None]
         inner = scaled @ self.basis
@@ -233,11 +264,15 @@ class LinearModel:
         """Decrease of the residual sum of squares in a larger model, in this model's noise variances."""
         return (self.square - after.square) * self.freedom / self.square
 
-    def _hold(self, effect: Effect, columns: Array, size: Array) -> Array:
-        """Weight of each parameter's equation ``0 = parameter``, (k,), in units of the noise that the effect leaves."""
+    def _hold(self, effect: Effect, columns: Array, size: Array, inner: Array | None = None) -> Array:
+        """Weight of each parameter's equation ``0 = parameter``, (k,), in units of the noise that the effect leaves.
+
+        `inner` are products (k, r) of the columns and the basis, where they are made already.
+        """
         if not effect.random:
             return np.zeros(len(size))
-        noise = self.random(columns).noise(float(size[0]))
+        random = RandomEffects.of(columns, self.basis, self.residual, self.freedom, inner)
+        noise = random.noise(float(size[0]))
         return np.asarray(np.sqrt(noise) / size)
 
     def estimates(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
@@ -255,37 +290,6 @@ class LinearModel:
         return np.digitize(self.index, edges) - 1
 
 
-class _Lazy(dict[str, Array]):
-    """Channels at the observations: made when first asked for."""
-
-    def __init__(self, source: Mapping[str, Array], keep: Mask | Index) -> None:
-        super().__init__()
-        self._source, self._keep = source, keep
-
-    def __missing__(self, name: str) -> Array:
-        self[name] = self._source[name][self._keep]
-        return self[name]
-
-
-class _Channels(dict[str, Array]):
-    """Channels over a survey's rows: made when first asked for. Derived ones, of which there are many, are not kept."""
-
-    def __init__(self, survey: Survey, points: Array) -> None:
-        super().__init__(zip(POINT_CHANNELS, points, strict=True))
-        # labels as numbers: channels that follow files and runs ask for them again and again
-        labels = {name: survey.table[name].astype("category") for name in ("file", "run") if name in survey.table}
-        self._table = survey.table.assign(**labels)
-
-    def __missing__(self, name: str) -> Array:
-        side = f"dir_{root(name)}"
-        if name.startswith("play(") and side not in self:  # what every width of it asks for
-            self._table = self._table.assign(**{side: self[side]})
-        (values,) = columns(self._table, [name])
-        if name == root(name):
-            self[name] = values
-        return values
-
-
 def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     """The linear model of a fit, in units of its noise, of at most `most` rows."""
     chain, problem, solution = fit.chain, fit.problem, fit.solution
@@ -293,7 +297,7 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     base = solution.groups.base
     zero = np.zeros(len(chain.ids))
     points = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(fit.survey.table))
-    table = _Channels(fit.survey, points)
+    table = RowChannels(fit.survey, points)
     residuals, designs, levers, indices = [], [], [], []
     views = [v for v in problem.views if isinstance(v, PositionView | ReadingView)]
     total = sum(len(v) for v in views)
@@ -314,8 +318,7 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     rows = np.concatenate(indices)
     live = np.abs(design).max(axis=1, initial=0.0) + np.abs(stacked).max(axis=0) > 0  # components that were measured
     # what the machine's own effects tie to zero is tied here too
-    hold = np.sqrt(solution.precision[base])
-    ties = np.diag(hold)[hold > 0]
+    ties = np.diag(hold := np.sqrt(solution.precision[base]))[hold > 0]
     design = np.vstack([design[live], ties])
     norms = np.linalg.norm(design, axis=0)
     seen = norms > 1e-12 * norms.max(initial=0.0)  # a mount's orientation moves no position
@@ -326,17 +329,20 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     arms_of = {n: stacked[6 * k : 6 * k + 6][:, live] for k, n in enumerate(names)}
     first = _first_poses(fit, np.hstack(firsts)[:, live], rows[live]) if firsts else None
     dead = dead_sensors(fit.survey)
-    seen_columns = _scene_columns(fit.survey, table, chain, dead)
     read = tuple(dict.fromkeys(v.kind for v in problem.readings))
-    scene = Scene(chain.machine, seen_columns, _stations(fit), fit.survey.motions_of, dead, read)
+    scene = Scene(
+        chain.machine, _scene_columns(fit.survey, table, chain, dead), _stations(fit), fit.survey.motions_of, dead, read
+    )
     left = residual - q @ (q.T @ residual)
     noise = noise_mm(fit)
     round_off = len(left) * (RESIDUAL_ROUND_OFF_SHARE * chain.size / max(noise, 1e-300)) ** 2
     index = rows[live]
     seen_rows, number = np.unique(index, return_inverse=True)
-    own = _Lazy(table, seen_rows)
+    own = LazyChannels(table, seen_rows)
     by_row = SurveyRows.of(number, own) if first is None else None
-    return LinearModel(chain, left, q, arms_of, _Lazy(own, number), index, scene, round_off, first, Lineage(), by_row)
+    return LinearModel(
+        chain, left, q, arms_of, LazyChannels(own, number), index, scene, round_off, first, Lineage(), by_row
+    )
 
 
 def _arms(view: PositionView | ReadingView) -> Array:
@@ -358,9 +364,9 @@ def _first_poses(fit: Fit, arms: Array, rows: Index) -> FirstPoses:
     at = np.flatnonzero(arms.any(axis=0))
     chain = fit.chain
     survey = replace(fit.survey, table=start_of(fit.survey.table, chain.machine))
-    table = _Channels(survey, chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(survey.table)))
+    table = RowChannels(survey, chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(survey.table)))
     levers = {n: arms[6 * k : 6 * k + 6, at] for k, n in enumerate(chain.element_names)}
-    return FirstPoses(at, levers, _Lazy(table, rows[at]))
+    return FirstPoses(at, levers, LazyChannels(table, rows[at]))
 
 
 def _stations(fit: Fit) -> tuple[Vector, ...]:
@@ -373,23 +379,17 @@ def _stations(fit: Fit) -> tuple[Vector, ...]:
 
 def unused_runs(survey: Survey) -> list[tuple[str, int]]:
     """Labels of runs that drive no candidate where there are several, with the number of their rows."""
-    runs = _runs(survey)
+    runs = runs_of(survey)
     many = len(runs) > MOST_RUNS
     return [(label, n) for label, n in runs if many or n < LEAST_RUN] if len(runs) > 1 else []
 
 
-def _runs(survey: Survey) -> list[tuple[str, int]]:
-    """Labels of the runs in order, with the number of their rows."""
-    counts = survey.table["run"].value_counts()
-    return sorted(zip(map(str, counts.index), counts.tolist(), strict=True))
-
-
-def _scene_columns(survey: Survey, table: _Channels, chain: Chain, dead: Collection[str]) -> dict[str, Array]:
+def _scene_columns(survey: Survey, table: RowChannels, chain: Chain, dead: Collection[str]) -> dict[str, Array]:
     """Summary of the survey's rows, with the direction of approach of every joint whose column or order gives it."""
     plain = ("time", "feed", "load", *TOOL_CHANNELS)
     names = [c for c in survey.table.columns if (str(c).startswith(("T_", "w_")) and c not in dead) or c in plain]
     columns = {str(n): survey.table[n].to_numpy(dtype=float) for n in names}
-    runs = _runs(survey)
+    runs = runs_of(survey)
     if 2 <= len(runs) <= MOST_RUNS:  # of two, one is enough
         several = [label for label, n in runs if n >= LEAST_RUN][len(runs) == 2 :]
         columns |= {f"run({label})": table[f"run({label})"] for label in several}

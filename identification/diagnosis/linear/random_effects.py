@@ -35,10 +35,17 @@ class RandomEffects:
     freedom: int
 
     @classmethod
-    def of(cls, columns: Array, basis: Array, residual: Array, freedom: int) -> RandomEffects:
-        """From columns (k, N), an orthonormal basis (N + ties, r) and the residual (N + ties,) that it leaves."""
-        seen = columns.shape[1]
-        inner, gram = columns @ basis[:seen], columns @ columns.T
+    def of(
+        cls, columns: Array, basis: Array, residual: Array, freedom: int, inner: Array | None = None
+    ) -> RandomEffects:
+        """From columns (k, N), an orthonormal basis (N + ties, r) and the residual (N + ties,) that it leaves.
+
+        Parameters
+        ----------
+        inner : products (k, r) of the columns and the basis, where they are made already.
+        """
+        seen, gram = columns.shape[1], columns @ columns.T
+        inner = columns @ basis[:seen] if inner is None else inner
         left, slopes = gram - inner @ inner.T, columns @ residual[:seen]
         return cls.from_products(left, slopes, float(np.trace(gram)), max(float(residual @ residual), EXACT), freedom)
 

@@ -20,7 +20,7 @@ from identification.diagnosis.results.findings import EVEN, Alternative, Finding
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.physical_limits import nameless
 from identification.diagnosis.results.recorded_functions import Functions
-from identification.diagnosis.search.candidates import Candidates
+from identification.diagnosis.search.candidates import score_of
 from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.refinement import DEPARTURES, OWN
 from identification.diagnosis.search.scoring import Step
@@ -48,8 +48,8 @@ def checked_alternative(
     without = form = model.without(group)
     evidence = 0.0
     for effect in (s.effect for s in group if _one_name(main, s.effect)):
-        usual = float(Candidates.of(form, [effect]).scores(form).evidence.max(initial=0.0))
-        evidence += max(usual, form.random(form.columns(effect)[0]).best()[1])  # of any size, as what has no name
+        usual = (score_of(form, effect) or (0.0,))[0]
+        evidence += max(usual, 0.0, form.random(form.columns(effect)[0]).best()[1])  # of any size, as what has no name
         form = form.with_effect(effect)
     own = max(without.square - form.square, 1e-300)
     further, explained, left = best_of(form, functions)

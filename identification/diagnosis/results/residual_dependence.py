@@ -156,7 +156,7 @@ def _wandering(linear: LinearModel, parts: Sequence[Functions], log: DecisionLog
     if scale <= 0:
         return None
     clipped = np.clip(linear.residual / scale, -CLIP, CLIP)
-    linear = replace(linear, residual=clipped - linear.basis @ (linear.basis.T @ clipped), lineage=None)
+    linear = linear.of_residual(clipped - linear.basis @ (linear.basis.T @ clipped))
     _, _, best = best_of(linear, quick)
     if best is None:
         return None

@@ -6,7 +6,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
-from identification.diagnosis.search.candidates import Candidates
+from identification.diagnosis.search.candidates import Candidates, score_of
 from identification.diagnosis.search.criteria import log_likelihood_gain
 from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.scoring import evidence_in_any_noise
@@ -28,7 +28,7 @@ def conditional_scores(model: EffectModel, candidates: Candidates, log: Decision
         for before, step in pairwise([main, *more]):
             beside = beside.with_effect(before.effect)
             if main.effect.empirical or step.effect.effect == main.effect.effect:
-                evidence += max([0.0, *Candidates.of(beside, [step.effect]).scores(beside).evidence.tolist()])
+                evidence += max(0.0, (score_of(beside, step.effect) or (0.0,))[0])
         alternatives = tuple(s for s in sorted(steps, key=lambda s: -s.evidence) if s.effect.key != main.effect.key)
         groups[k] = [
             replace(own, evidence=max(evidence, marginal), marginal=marginal, alternatives=alternatives),

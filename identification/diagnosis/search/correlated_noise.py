@@ -7,17 +7,18 @@ averaging). Neither side's noise is estimated from what the other would explain.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 
 import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.linear.random_effects import EXACT, RandomEffects
+from identification.diagnosis.linear.random_effects import RandomEffects
 from identification.diagnosis.search.blocks import NOTHING
 from identification.diagnosis.search.candidates import free_scores, random_scores
+from identification.diagnosis.search.filtered_models import DependentError, FilteredModel, FromBasis, FromProducts
+from identification.diagnosis.search.weighed_products import WeighedProducts
 from identification.estimation.noise import Noise, noises, series_edges
 
 WHITE = 0.5  # prior probability of white noise
@@ -26,81 +27,32 @@ WHITE = 0.5  # prior probability of white noise
 LONGEST, PART, LARGEST = (20.0, 60.0), 1 / 15, 2.0
 
 
-@dataclass(frozen=True)
-class _Filtered:
-    """A linear model behind the filter that makes a noise white.
-
-    Attributes
-    ----------
-    slabs : rows (k, up to r) of the Cholesky factor of the products of the filtered basis, which smaller models share;
-        none for white noise, which has no filter.
-    taken : (r,) the residual along the filtered basis.
-    square, freedom : of what that leaves of the residual.
-    """
-
-    noise: Noise | None
-    slabs: tuple[Array, ...]
-    taken: Array
-    square: float
-    freedom: int
-
-    @property
-    def rank(self) -> int:
-        return sum(map(len, self.slabs))
-
-    @property
-    def triangle(self) -> Array:
-        """The Cholesky factor (r, r)."""
-        out, last = np.zeros((self.rank, self.rank)), 0
-        for slab in self.slabs:
-            out[last : last + len(slab), : slab.shape[1]] = slab
-            last += len(slab)
-        return out
-
-    @property
-    def likelihood(self) -> float:
-        """Restricted log likelihood, up to a constant."""
-        determinant = sum(float(np.log(np.diag(s[:, s.shape[1] - len(s) :])).sum()) for s in self.slabs)
-        return -self.freedom / 2 * float(np.log(self.square)) - determinant
-
-    def products(self, linear: LinearModel, columns: Array) -> tuple[Array, Array, Array]:
-        """Filtered columns (k, N + ties) themselves, their products with the filtered basis, and with what is left."""
-        from scipy.linalg import solve_triangular
-
-        if self.noise is None:
-            return columns, columns @ linear.basis, columns @ linear.residual
-        weighed = self.noise.weighed(columns, series_edges(linear.index))
-        inner = solve_triangular(self.triangle, (weighed @ linear.basis).T, lower=True).T
-        return weighed, inner, weighed @ linear.residual - inner @ self.taken
-
-
 def evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tuple[float, float]]:
     """Log Bayes factor of each group of effects, given the linear model: in white noise, and over all noises."""
     from scipy.special import logsumexp
 
-    parts = [[linear.columns(e) for e in group] for group in groups]
-    stacked = np.vstack([c * s[:, None] for own in parts for c, s in own])
-    ends = np.cumsum([0, *(sum(len(s) for _, s in own) for own in parts)]).tolist()
+    sizes = [np.concatenate([linear.columns(e)[1] for e in group]) for group in groups]  # usual ones
+    ends = np.cumsum([0, *map(len, sizes)]).tolist()
     mains = [main for main, *_ in groups]
     kinds: dict[tuple[bool, int], list[int]] = {}
     for k, main in enumerate(mains):
-        kinds.setdefault((main.random, ends[k + 1] - ends[k]), []).append(k)
-    rows = []
-    for filtered in _filtered(linear):
-        weighed, inner, slopes = filtered.products(linear, stacked)
+        kinds.setdefault((main.random, len(sizes[k])), []).append(k)
+    rows, model = [], filtered_model(linear)
+    for filtered, left in zip(model.filtered, model.left_of(groups), strict=True):
         gains = np.empty(len(groups))
         for (random, _), some in kinds.items():
-            own = [slice(ends[k], ends[k + 1]) for k in some]
-            whole = np.array([weighed[s] @ stacked[s].T for s in own])
-            undefined = ~np.isfinite(whole).all(axis=(1, 2))
-            left, slope = np.array([inner[s] @ inner[s].T for s in own]), np.array([slopes[s] for s in own])
-            whole[undefined], left[undefined], slope[undefined] = 0.0, 0.0, 0.0
-            square = np.maximum(np.diagonal(whole, axis1=1, axis2=2), NOTHING)
+            own, size = [slice(ends[k], ends[k + 1]) for k in some], np.array([sizes[k] for k in some])
+            gram = np.array([left.grams[k] for k in some]) * size[:, :, None] * size[:, None, :]
+            slope = np.array([left.slopes[s] for s in own]) * size
+            square = np.array([left.squares[s] for s in own]) * size**2
+            undefined = ~np.isfinite(gram).all(axis=(1, 2))
+            gram[undefined], slope[undefined], square[undefined] = 0.0, 0.0, 0.0
+            square = np.maximum(square, NOTHING)
             if random:
-                gains[some] = random_scores(filtered, whole - left, slope, square)[0]
+                gains[some] = random_scores(filtered, gram, slope, square)[0]
             else:
                 empirical = np.array([mains[k].empirical for k in some])
-                gains[some] = free_scores(filtered, whole - left, slope, square, empirical)[0]
+                gains[some] = free_scores(filtered, gram, slope, square, empirical)[0]
         gains -= np.array([main.cost for main in mains])
         rows.append([filtered.likelihood, *(filtered.likelihood + gains)])
     without, *with_each = logsumexp(rows, axis=0, b=_beforehand(len(rows))).tolist()
@@ -116,12 +68,14 @@ def random_evidence(linear: LinearModel, columns: Array) -> float:
     from scipy.special import logsumexp
 
     rows = []
-    for filtered in _made(linear, [], all_noises=True):
-        weighed, inner, slopes = filtered.products(linear, columns)
-        gram = weighed @ columns.T
-        left = gram - inner @ inner.T
-        random = RandomEffects.from_products(left, slopes, float(np.trace(gram)), filtered.square, filtered.freedom)
-        rows.append([filtered.likelihood, filtered.likelihood + random.best()[1]])
+    for drifts in (False, True):
+        model = filtered_model(linear, drifts=drifts)
+        for filtered, left in zip(model.filtered, model.left_of_columns(columns), strict=True):
+            whole = float(left.squares.sum())
+            random = RandomEffects.from_products(left.grams[0], left.slopes, whole, filtered.square, filtered.freedom)
+            rows.append([filtered.likelihood, filtered.likelihood + random.best()[1]])
+        if drifts:
+            del rows[-len(model.filtered)]  # white noise, once more
     without, with_them = logsumexp(rows, axis=0, b=_beforehand(len(rows))).tolist()
     return float(with_them - without)
 
@@ -131,49 +85,24 @@ def _beforehand(count: int) -> Array:
     return np.array([WHITE, *[(1 - WHITE) / (count - 1)] * (count - 1)])[:, None]
 
 
-def _filtered(linear: LinearModel) -> list[_Filtered]:
-    """A linear model behind the filter of each noise; first without one."""
-    lineage = linear.lineage
-    if lineage is None:
-        return list(_made(linear, []))
-    kept = lineage.known.filtered
-    known: list[_Filtered] | None = None
-    for count in range(len(lineage.effects), -1, -1):  # the model with most of the effects of which they are known
-        if (known := kept.find(lineage.first(count))) is not None:
-            break
-    if known is not None and count == len(lineage.effects):
-        return known
-    made = list(_made(linear, known or []))
-    kept.keep(lineage, made, sum(f.slabs[-1].nbytes for f in made if f.slabs))
-    return made
+def filtered_model(linear: LinearModel, *, drifts: bool = False) -> FilteredModel:
+    """A linear model behind the filter of white and of each correlated noise; `drifts`: of those that are no noise."""
+    considered = _noises(linear, drifts)
+    if linear.lineage is None:
+        return FromBasis(linear, considered)
+    name = "drifts" if drifts else "noises"
+    kept, key = linear.lineage.known.filtered, (name, linear.lineage)
+    known: FilteredModel | None = kept.find(key)
+    if known is None:
+        try:
+            known = FromProducts(linear, WeighedProducts(linear, considered, name))
+        except DependentError:
+            known = FromBasis(linear, considered)
+        kept.keep(key, known, sum(f.triangle.nbytes for f in known.filtered))
+    return known
 
 
-def _made(linear: LinearModel, known: Sequence[_Filtered], *, all_noises: bool = False) -> Iterator[_Filtered]:
-    """The same, made anew; `known`, where there are any: of a model that has the first columns of the basis."""
-    from scipy.linalg import solve_triangular
-
-    yield _Filtered(None, (), np.zeros(0), linear.square, linear.freedom)
-    edges = series_edges(linear.index)
-    # of a model that has less than half of the columns: all products anew, by symmetry, are less work
-    smaller = {f.noise: f for f in known if 2 * f.rank > linear.basis.shape[1]}
-    longest = np.clip(PART * np.diff(edges).max(), *LONGEST)
-    for noise in noises():
-        if not all_noises and (noise.length > longest or noise.part > LARGEST):
-            continue
-        old = smaller.get(noise)
-        rank = old.rank if old else 0
-        further = np.vstack([linear.basis[:, rank:].T, linear.residual])
-        # what was orthonormal before is nearly so behind the filter: its products are well conditioned
-        if old:
-            weighed = noise.weighed(further, edges)
-            slab, along, square = weighed[:-1] @ linear.basis, weighed[-1] @ linear.basis, weighed[-1] @ linear.residual
-            slab[:, :rank] = solve_triangular(old.triangle, slab[:, :rank].T, lower=True).T
-            slab[:, rank:] -= slab[:, :rank] @ slab[:, :rank].T
-        else:
-            white = noise.whitened(further, edges)
-            whole = white @ white.T
-            slab, along, square = whole[:-1, :-1], whole[-1, :-1], whole[-1, -1]
-        slab[:, rank:] = np.linalg.cholesky(slab[:, rank:])
-        made = _Filtered(noise, (*(old.slabs if old else ()), slab), np.zeros(0), 0.0, linear.freedom)
-        taken = solve_triangular(made.triangle, along, lower=True)
-        yield replace(made, taken=taken, square=max(float(square - taken @ taken), EXACT))
+def _noises(linear: LinearModel, drifts: bool) -> list[Noise | None]:
+    """White noise, and all correlated noises that either drift or do not."""
+    longest = float(np.clip(PART * np.diff(series_edges(linear.index)).max(), *LONGEST))
+    return [None, *(n for n in noises() if (n.length > longest or n.part > LARGEST) == drifts)]

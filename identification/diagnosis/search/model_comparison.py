@@ -14,7 +14,7 @@ from functools import partial
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, named, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.search.candidates import Candidates
+from identification.diagnosis.search.candidates import Candidates, score_of
 from identification.diagnosis.search.conditional_evidence import MOST_ALTERNATIVES_TRIED
 from identification.diagnosis.search.criteria import heldout_rms, one_sensor
 from identification.diagnosis.search.forward_selection import forward_select
@@ -110,8 +110,9 @@ def _alternatives(model: EffectModel, log: DecisionLog) -> Iterator[tuple[Step, 
             seen.add(effect.effect)
             if len(seen) > (OF_REFINED if refined else MOST_ALTERNATIVES) + 1:
                 break
-            own = Candidates.of(linear, [effect]).scores(linear)
-            gained, absorbed = float(own.delta_chi2[0]), float(own.absorbed[0])
+            own = score_of(linear, effect)
+            assert own is not None  # it was scored before
+            _, gained, absorbed = own
             log.add("strong-alternative", "examined", effect, alternative.evidence, least, beside=main.effect)
             yield replace(alternative, delta_chi2=gained, absorbed=absorbed), others
 

@@ -9,7 +9,7 @@ import numpy as np
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.search.candidates import ABSORBED, FORM_ABSORBED, Candidates, Scores
+from identification.diagnosis.search.candidates import ABSORBED, FORM_ABSORBED, Candidates, Scores, score_of
 from identification.diagnosis.search.criteria import log_likelihood_gain, log_likelihood_gains
 from identification.diagnosis.search.refinement import discrepancy
 from identification.diagnosis.search.scoring import Step
@@ -135,10 +135,10 @@ def scored(linear: LinearModel, effect: Effect, shapes: int, trials: int) -> Ste
     shapes : how many of its shapes were tried: divides its Bayes factor.
     trials : keys (effects at places) searched: the trials factor.
     """
-    own = Candidates.of(linear, [effect]).scores(linear)
-    if not len(own.evidence):
+    own = score_of(linear, effect)
+    if own is None:
         return None
-    evidence, delta_chi2, absorbed = (float(v[0]) for v in (own.evidence, own.delta_chi2, own.absorbed))
+    evidence, delta_chi2, absorbed = own
     of_form, delta_of_form = discrepancy(linear, effect)
     return Step(
         effect,
