@@ -333,18 +333,16 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _handle(folder: Path) -> int:
-    if sys.platform != "win32":
-        return os.open(folder, os.O_RDONLY)
-    path, until = folder / LOCK_FILE, time.monotonic() + REMOVAL_SECONDS
-    while True:
-        try:
-            return os.open(path, os.O_RDWR | os.O_CREAT)
-        except (
-            PermissionError
-        ):  # also while the file goes that another run has removed: that run's lock is no longer held
-            if not os.path.lexists(path) or time.monotonic() > until:
-                raise
-            time.sleep(0.005)
+    if sys.platform == "win32":
+        path, until = folder / LOCK_FILE, time.monotonic() + REMOVAL_SECONDS
+        while True:
+            try:
+                return os.open(path, os.O_RDWR | os.O_CREAT)
+            except PermissionError:  # also while a file goes that another run has removed, whose lock is held no longer
+                if not os.path.lexists(path) or time.monotonic() > until:
+                    raise
+                time.sleep(0.005)
+    return os.open(folder, os.O_RDONLY)
 
 
 def taken(handle: int) -> bool:

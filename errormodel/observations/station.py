@@ -197,7 +197,7 @@ def elsewhere(points: Array, readings: Array, place: Array) -> Move | None:
     off = float(np.median(np.abs(np.linalg.norm(points - place[:3], axis=1) - place[3] - readings)))
     if off < MOVED * float(np.ptp(points, axis=0).max()):
         return None
-    free, left = _places(points, readings, {}, place[:3])[0]
+    free, left = _places(points, readings, {}, place[:3].tolist())[0]
     return Move(0, free[:3] - place[:3], float(place[3] - free[3])) if left * STANDS_OUT < off else None
 
 

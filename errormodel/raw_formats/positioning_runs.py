@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Index
 from errormodel.conventions import MOTIONS, unit_of
 from errormodel.exceptions import InputError
 from errormodel.formats.base import as_numbers
@@ -139,7 +139,7 @@ def _deviations(
     return np.asarray(values), f"deviations in {unit}"
 
 
-def _way(target: Array, side: float) -> Array:
+def _way(target: Array, side: float) -> Index:
     """Targets in the order in which a run comes to them."""
     order = np.argsort(target, kind="stable")
     return order if side > 0 else order[::-1]

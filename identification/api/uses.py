@@ -147,6 +147,8 @@ def monitor(
             yield
             return
         with replaced_together(figures, shown) as (figures_part, shown_part):
+            assert figures_part is not None
+            assert shown_part is not None
             write_json(result.as_json(), figures_part)
             write_text_atomic(monitor_page(result), shown_part)
             yield

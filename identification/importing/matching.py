@@ -163,9 +163,10 @@ def _refuse_two_offsets(
     if size < SHARE:
         return
     ends = [_rough_offset(path, command_times, points[part], when[part]) for part in (good[:size], good[-size:])]
-    if ends[0] is None or ends[1] is None:
+    begin, end = ends
+    if begin is None or end is None:
         return
-    (first, step), (last, _) = ends
+    (first, step), (last, _) = begin, end
     if abs(first - last) < STEPS * step:
         return
     at = speeds_part(path, command_times, points[good], when[good], (first, last))

@@ -212,7 +212,7 @@ def senses(angle: Array, runs: Index) -> Array:
         if begins[k]:
             out[k] = later
         later = step or later
-    for k in np.flatnonzero(out == 0.0):  # nothing follows: as before
+    for k in np.flatnonzero(out == 0.0).tolist():  # nothing follows: as before
         out[k] = out[k - 1] if k else 1.0
     return out
 

@@ -101,7 +101,7 @@ def _in_order(
     index = np.concatenate([v.index for v in views])
     runs = survey.table["run"].astype(str).to_numpy()[index]
     first = {run: int(index[runs == run].min()) for run in set(runs.tolist())}
-    order = np.lexsort((index, [first[r] for r in runs]))
+    order = np.lexsort((index, np.array([first[r] for r in runs])))
     return index[order], np.vstack(known)[order], np.vstack(changes)[order], np.concatenate(gap)[order]
 
 
