@@ -16,7 +16,7 @@ from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.candidates import ABSORBED, Candidates
-from identification.diagnosis.search.weight_of_evidence import DECISIVE
+from identification.diagnosis.search.scoring import DETECT
 
 POWER_QUANTILE = 1.645  # normal quantile of the power: 95 %, by convention
 INDISTINGUISHABLE_CORRELATION = 0.95  # correlation above which two effects are indistinguishable, by judgement
@@ -207,7 +207,7 @@ def _seen(
         seen = np.linalg.eigvalsh(gram / norm[:, :, None] / norm[:, None, :]).max(axis=1) > 1 - ABSORBED
         gain = np.maximum(np.linalg.eigvalsh(gram), 0.0)
         cost = np.array([candidates.effects[i].cost + np.log(shapes[candidates.keys[i]]) for i in numbers])
-        log_factor = DECISIVE + np.log(trials) + 0.5 * np.log1p(gain).sum(axis=1) + cost
+        log_factor = DETECT + np.log(trials) + 0.5 * np.log1p(gain).sum(axis=1) + cost
         excess = free * np.expm1(np.minimum(2 * log_factor / max(free, 1), 500.0))
         needed = (np.sqrt(excess) + POWER_QUANTILE) ** 2  # noncentrality, in noise variances
         signal = gain.sum(axis=1) / k

@@ -35,10 +35,8 @@ _SEARCH, _RESULTS = "identification.diagnosis.search.", "identification.diagnosi
 _FORWARD, _COMPARED = _SEARCH + "forward_selection", _SEARCH + "model_comparison"
 # rule: (module, name there, what it is without the rule)
 LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
-    "fixed-form": (
-        (_SEARCH + "scoring", "FIXED_FORM", -FOREVER),
-    ),  # and the two that choose among forms that physics fixes
-    "as-good-in-correlated-noise": ((_SEARCH + "scoring", "STRONG", FOREVER),),
+    "fixed-form": ((_SEARCH + "scoring", "ODDS", -FOREVER),),  # and the two that choose among forms that physics fixes
+    "as-good-in-correlated-noise": ((_SEARCH + "scoring", "AS_GOOD", FOREVER),),
     "near-tie": ((_SEARCH + "scoring", "_names", lambda linear, ranked, log: list(ranked)),),
     "two-causes": ((_FORWARD, "_by_two_causes", _none),),
     "refinement-first": ((_FORWARD, "NEAR_BEST", FOREVER),),

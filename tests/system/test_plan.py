@@ -18,7 +18,7 @@ from errormodel.machine_file import library, read_machine
 from errormodel.simulation import random_points
 from identification.diagnosis.linear.linear_model import set_up
 from identification.diagnosis.search.candidates import Candidates
-from identification.diagnosis.search.weight_of_evidence import DECISIVE
+from identification.diagnosis.search.scoring import DETECT
 from identification.estimation.fit import fit_machine
 from identification.planning.candidates import prepare
 from identification.planning.design import Design, Fair, Space, exchange, rounded
@@ -227,7 +227,7 @@ def test_verdicts_are_those_of_a_survey_of_the_rows(mill: Plan) -> None:
         assert verdict.smallest is not None
         column = linear.project(linear.columns(verdict.typical)[0])[0]
         same = sum(e.key == verdict.typical.key for e in type(verdict.typical).proposals(linear.scene))
-        asked = DECISIVE + np.log(trials) + np.log(same)
+        asked = DETECT + np.log(trials) + np.log(same)
         accepted = []
         for part in (1.0, 0.33):
             hits = 0

@@ -19,8 +19,7 @@ from identification.diagnosis.search.criteria import (
     heldout_rms,
     one_sensor,
 )
-from identification.diagnosis.search.scoring import ANOTHER_CAUSE, FORM, Step, accepted, choose
-from identification.diagnosis.search.weight_of_evidence import DECISIVE, PHYSICS
+from identification.diagnosis.search.scoring import ANOTHER_CAUSE, CLEARLY, DETECT, FORM, Step, accepted, choose
 from tests.helpers.chains import Array
 
 ROWS = 48
@@ -115,8 +114,8 @@ def chosen(name: Step, form: Step) -> bool:
 
 def test_a_form_must_have_clearly_more_evidence_than_a_name() -> None:
     form = step(50.0, 100.0, form=True)
-    assert chosen(step(50.0 - PHYSICS, 1.0), form)
-    assert not chosen(step(49.9 - PHYSICS, 1.0), form)
+    assert chosen(step(50.0 - CLEARLY, 1.0), form)
+    assert not chosen(step(49.9 - CLEARLY, 1.0), form)
 
 
 BEHIND = 30.0  # nats of evidence: the form is clearly ahead, what follows decides
@@ -166,16 +165,16 @@ def test_what_bends_may_be_explained_by_what_bends() -> None:
 def test_evidence_must_outweigh_the_places_that_were_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scoring, "explained_by_noise", lambda linear, step: 0.0)
     for trials in (0, 1, 1000):
-        least = float(np.log(max(trials, 1))) + DECISIVE
+        least = float(np.log(max(trials, 1))) + DETECT
         assert accepted(None, step(least + 1e-6, 1.0, trials=trials))  # type: ignore[arg-type]
         assert not accepted(None, step(least - 1e-6, 1.0, trials=trials))  # type: ignore[arg-type]
-    assert np.exp(DECISIVE) == pytest.approx(100, rel=0.01)  # a hundred to one for a single place
+    assert np.exp(DETECT) == pytest.approx(100, rel=0.01)  # a hundred to one for a single place
 
 
 def test_evidence_must_outweigh_what_correlated_noise_would_make_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scoring, "explained_by_noise", lambda linear, step: 3.0)
-    assert accepted(None, step(DECISIVE + 3.1, 1.0))  # type: ignore[arg-type]
-    assert not accepted(None, step(DECISIVE + 2.9, 1.0))  # type: ignore[arg-type]
+    assert accepted(None, step(DETECT + 3.1, 1.0))  # type: ignore[arg-type]
+    assert not accepted(None, step(DETECT + 2.9, 1.0))  # type: ignore[arg-type]
     # what a bend brings detects nothing: it does not count against correlated noise
-    assert not accepted(None, step(DECISIVE + 3.1, 1.0, evidence_of_form=0.2))  # type: ignore[arg-type]
-    assert accepted(None, step(DECISIVE + 3.3, 1.0, evidence_of_form=0.2))  # type: ignore[arg-type]
+    assert not accepted(None, step(DETECT + 3.1, 1.0, evidence_of_form=0.2))  # type: ignore[arg-type]
+    assert accepted(None, step(DETECT + 3.3, 1.0, evidence_of_form=0.2))  # type: ignore[arg-type]

@@ -19,7 +19,8 @@ from errormodel.survey import Survey
 from identification.diagnosis.data_checks.blunder import listed
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.search.weight_of_evidence import DECISIVE
+
+CLEAR = 4.6  # log likelihood ratio, beyond the logarithm of how many were tried: odds of 100 to 1
 
 
 def likelier_sides(
@@ -49,8 +50,8 @@ def likelier_sides(
         other[:, : len(linear.index)] *= np.where(turned, -1.0, 1.0)
         left = [beside.with_columns(c).square for c in (follows, other)]
         gain = beside.freedom / 2 * float(np.log(left[0] / left[1])) - float(np.log(len(tried)))
-        found = gain > DECISIVE
-        log.add("first-approach", "found" if found else "passed", f"column {channel}", gain, DECISIVE)
+        found = gain > CLEAR
+        log.add("first-approach", "found" if found else "passed", f"column {channel}", gain, CLEAR)
         if found:
             side = columns.get(channel, direction(survey.table, name))
             columns[channel] = np.where(rows, -side, side)

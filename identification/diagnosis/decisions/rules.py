@@ -28,12 +28,7 @@ from identification.diagnosis.decisions.stages import (
 _RUNS, _COLUMNS, _ROWS = "data_checks.runs_of_motions", "data_checks.columns", "data_checks.rows"
 _NOISE, _SENSORS = "search.instrument_noise", "data_checks.temperature_sensors"
 _SCORING, _FORWARD, _REFINED = "search.scoring", "search.forward_selection", "search.refinement"
-_WEIGHT, _COMPARED, _WITNESSES, _FINDINGS = (
-    "search.weight_of_evidence",
-    "search.model_comparison",
-    "results.witnesses",
-    "results.findings",
-)
+_COMPARED, _WITNESSES, _FINDINGS = "search.model_comparison", "results.witnesses", "results.findings"
 
 RULES: Mapping[str, Rule] = MappingProxyType(
     {
@@ -56,7 +51,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "first-approach": Rule(
             DATA, "log likelihood ratio", "Of a direction of approach that nothing states the likelier sign is taken.",
-            _in(_WEIGHT, "DECISIVE"),
+            _in("data_checks.first_approach", "CLEAR"),
         ),
         "nominal-misfit": Rule(
             DATA, "misfit per spread of the points",
@@ -139,7 +134,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "least-evidence": Rule(
             SELECTION, EVIDENCE,
             "Where no candidate has as much evidence the search ends.",
-            _in(_WEIGHT, "BEYOND_DOUBT")
+            _in(_FORWARD, "LEAST_EVIDENCE")
         ),
         "optimised-score": Rule(
             SELECTION, EVIDENCE,
@@ -149,15 +144,15 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "near-tie": Rule(
             SELECTION, EVIDENCE,
             "Named effects near the best one, also in correlated noise, are weighed by preference.",
-            _in(_WEIGHT, "BEYOND_DOUBT") + _in(_SCORING, "NEAR"),
+            _in(_SCORING, "CLEARLY", "NEAR"),
         ),
         "fixed-form": Rule(
             SELECTION, EVIDENCE, "Among near-ties a form that physics fixes comes before one that follows any curve.",
-            _in(_WEIGHT, "FIXED_FORM"),
+            _in(_SCORING, "ODDS"),
         ),
         "as-good-in-correlated-noise": Rule(
             SELECTION, EVIDENCE, "Among near-ties those that correlated noise explains as well come later.",
-            _in(_WEIGHT, "STRONG"),
+            _in(_SCORING, "AS_GOOD"),
         ),
         "little-discrepancy": Rule(
             SELECTION, DELTA, "Among near-ties those come first that explain as much by their textbook form alone.",
@@ -167,7 +162,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             SELECTION, EVIDENCE, "Of the near-ties that are left, that with most evidence in correlated noise is first."
         ),
         "empirical-lead": Rule(
-            SELECTION, EVIDENCE, "An empirical term must lead the best named effect clearly.", _in(_WEIGHT, "PHYSICS")
+            SELECTION, EVIDENCE, "An empirical term must lead the best named effect clearly.", _in(_SCORING, "CLEARLY")
         ),
         "explains-as-much": Rule(
             SELECTION, DELTA, "A named effect that explains nearly as much as an empirical term comes before it.",
@@ -180,7 +175,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "two-causes": Rule(
             SELECTION, DELTA,
             "A thermal effect with two sensors or lags that explains as much comes before an empirical term.",
-            _in(_SCORING, "FORM") + _in(_WEIGHT, "BEYOND_DOUBT"),
+            _in(_SCORING, "FORM") + _in(_FORWARD, "LEAST_EVIDENCE"),
         ),
         "refinement-first": Rule(
             SELECTION, EVIDENCE,
@@ -208,11 +203,11 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _in(_REFINED, "LEFT"),
         ),
         "detection": Rule(
-            SELECTION, EVIDENCE, "The evidence less the trials factor must be clear.", _in(_WEIGHT, "DECISIVE")
+            SELECTION, EVIDENCE, "The evidence less the trials factor must be clear.", _in(_SCORING, "DETECT")
         ),
         "detection-in-correlated-noise": Rule(
             SELECTION, EVIDENCE, "The same less what correlated noise and the discrepancy would explain as well.",
-            _in(_WEIGHT, "DECISIVE") + _in("search.correlated_noise", "WHITE", "LONGEST", "PART", "LARGEST"),
+            _in(_SCORING, "DETECT") + _in("search.correlated_noise", "WHITE", "LONGEST", "PART", "LARGEST"),
         ),
         "share-of-findings": Rule(
             SELECTION, DELTA,
@@ -223,7 +218,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "most-steps": Rule(SELECTION, COUNT, "No more effects than this.", _in(_FORWARD, "MOST_STEPS")),
         "refinement-below-detection": Rule(
             SELECTION, EVIDENCE, "Below the level of a finding, the best refinement of one is tried.",
-            _in(_WEIGHT, "BEYOND_DOUBT"),
+            _in(_FORWARD, "LEAST_EVIDENCE"),
         ),
         "competing-refinement": Rule(
             SELECTION, EVIDENCE, "Refinements of one finding with enough evidence compete by cross-validation.",
@@ -237,12 +232,12 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "second-sensor": Rule(
             SELECTION, EVIDENCE, "A second sensor or lag is added where it has evidence and predicts better.",
-            _in(_WEIGHT, "BEYOND_DOUBT"),
+            _in(_FORWARD, "LEAST_EVIDENCE"),
         ),
         "step-function": Rule(
             SELECTION, "log evidence (Schwarz)",
             "An empirical form becomes a step function where that explains clearly more.",
-            _in(_WEIGHT, "BEYOND_DOUBT"),
+            _in(_SCORING, "CLEARLY"),
         ),
         "reselection": Rule(
             SELECTION, EVIDENCE, "A finding is named again, or left out, where the whole model has more evidence so.",
@@ -250,7 +245,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "seen-before": Rule(SELECTION, "", "A renaming that leads back to an earlier model is not made."),
         "superfluous": Rule(
             SELECTION, EVIDENCE, "A finding is taken out that is not clear beside later ones.",
-            _in(_FORWARD, "SHAPES_TRIED") + _in(_WEIGHT, "DECISIVE"),
+            _in(_FORWARD, "SHAPES_TRIED") + _in(_SCORING, "DETECT"),
         ),
         "superfluous-by-cross-validation": Rule(
             SELECTION, ERRORS, "It stays where blocks of rows are predicted worse without it.", _in(_FORWARD, "HARDLY")
@@ -262,20 +257,18 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         # ---- model comparison
         "strong-alternative": Rule(
             COMPARISON, EVIDENCE, "The search is repeated from an alternative whose evidence is no further behind.",
-            _in(_COMPARED, "OF_EMPIRICAL", "MOST_ALTERNATIVES", "OF_REFINED")
-            + _in(_SCORING, "NEAR")
-            + _in(_WEIGHT, "BEYOND_DOUBT"),
+            _in(_COMPARED, "SERIOUS", "OF_EMPIRICAL", "MOST_ALTERNATIVES", "OF_REFINED") + _in(_SCORING, "NEAR"),
         ),
         "second-cause": Rule(
             COMPARISON, EVIDENCE,
             "It is repeated with a second cause where refinements of a finding have much evidence.",
-            _in(_COMPARED, "SLIGHT") + _in(_REFINED, "OWN") + _in(_WEIGHT, "BEYOND_DOUBT"),
+            _in(_COMPARED, "SERIOUS", "SLIGHT") + _in(_REFINED, "OWN"),
         ),
         "search-from": Rule(COMPARISON, "", "An effect that a repeated search begins with."),
         "model-evidence": Rule(
             COMPARISON, "log evidence",
             "Another model is kept if it has more evidence; near-ties rest less on empirical terms.",
-            _in(_WEIGHT, "BEYOND_DOUBT"),
+            _in(_SCORING, "CLEARLY"),
         ),
         "model-cross-validation": Rule(
             COMPARISON, ERRORS, "It must predict blocks of rows no worse.", _in(_COMPARED, "NO_WORSE")
@@ -305,12 +298,12 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "uncontradicted-alternative": Rule(
             WITNESSES, EVIDENCE,
             "It is replaced by an alternative with so much evidence that no witness contradicts.",
-            _in(_WEIGHT, "BEYOND_DOUBT"),
+            _in(_WITNESSES, "LEAST_EVIDENCE_INSTEAD"),
         ),
         # ---- probability of a name
         "name-probability": Rule(
             NAMES, "probability", "Evidence and prior odds of classes give the probability of each name.",
-            _in(_FINDINGS, "TEMPER", "UNKNOWN", "MOST_SURE") + _in(_WEIGHT, "FIXED_FORM", "PHYSICS", "STRONG"),
+            _in(_FINDINGS, "TEMPER", "FORM_ODDS", "FLEXIBLE_ODDS", "CHOSEN", "UNKNOWN", "MOST_SURE"),
         ),
         "unlikely-name": Rule(
             NAMES, "probability", "A name that is less likely than not is none.", _in(_FINDINGS, "EVEN"),
@@ -321,7 +314,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "remainder-of-name": Rule(
             NAMES, RATIO, "An effect has no name if as much is clearly left that a function without one explains.",
-            _in(_REFINED, "OWN") + _in(_WEIGHT, "DECISIVE"),
+            _in(_REFINED, "OWN") + _in(_SCORING, "DETECT"),
         ),
         "physical-bound": Rule(
             NAMES, "standard uncertainties", "A parameter beyond what physics allows takes the name from a finding.",
@@ -334,7 +327,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "distinguishable": Rule(
             NAMES, "decimal logarithm of the Bayes factor",
             "Beyond it the data distinguish an alternative from the finding.",
-            _in(_WEIGHT, "DECISIVE"),
+            _in(_FINDINGS, "SEPARABLE"),
         ),
         "unresolved-name": Rule(
             NAMES, "probability", "A name is no surer than this beside one that repeats between positions.",

@@ -18,7 +18,6 @@ from identification.diagnosis.linear.row_residuals import ReadingSizes
 from identification.diagnosis.results.effect_size import Amount
 from identification.diagnosis.results.residual_dependence import Dependence
 from identification.diagnosis.search.scoring import FORM, Step
-from identification.diagnosis.search.weight_of_evidence import DECISIVE, FIXED_FORM, PHYSICS, STRONG
 from identification.estimation.result import noise_bounds
 
 SCHEMA = "errormodel.diagnosis/1"
@@ -156,8 +155,14 @@ class Diagnosis:
         }
 
 
-SEPARABLE = DECISIVE / STRONG  # as a decimal logarithm: beyond it the data distinguish two explanations
-TEMPER = 2.0  # calibrated by the Brier score of 267 findings of the proof (seeds 20261121, 8128, 27182 and 14142)
+SEPARABLE = 2.0  # decimal logarithm of the Bayes factor beyond which the data distinguish two explanations
+# Calibrated on findings of the proof: by their Brier score the first on 267 (seeds 20261121, 8128, 27182 and 14142),
+# the next two on 389 (seeds 69069 and 271828); by their likelihood the last two on 588 (seeds 141421, 17320508 and
+# 2236067).
+TEMPER = 2.0
+FORM_ODDS = 6.0  # log prior odds of named physics against an empirical term
+FLEXIBLE_ODDS = 2.5  # log prior odds of an effect of fixed form against one that follows any smooth curve
+CHOSEN = 2.0  # log odds of the preferred step among near-ties: least discrepancy, no correlated noise
 MOST_SURE = 0.999
 EVEN = 0.5  # probability of a name beside one that no reading could tell from it; one that is less likely is none
 CHANCE = "none"
@@ -253,7 +258,7 @@ def probabilities_of(step: Step) -> dict[str, float]:
     for one in (step, *step.alternatives):
         name = one.effect.effect
         best[name] = max(best.get(name, -np.inf), _weight(one, step))
-    best[step.effect.effect] += STRONG
+    best[step.effect.effect] += CHOSEN
     weights = {name: np.exp(value - max(best.values())) for name, value in best.items()}
     unknown = 0.0 if step.effect.empirical else UNKNOWN * weights[step.effect.effect]
     total = sum(weights.values()) + unknown
@@ -274,7 +279,7 @@ def _weight(one: Step, step: Step) -> float:
 def _odds(step: Step) -> float:
     """Log prior odds of named physics of a fixed form against this step."""
     adaptable = step.effect.flexible or step.delta_chi2 - step.delta_chi2_of_form < FORM * step.delta_chi2
-    return PHYSICS if step.effect.empirical else FIXED_FORM if adaptable else 0.0
+    return FORM_ODDS if step.effect.empirical else FLEXIBLE_ODDS if adaptable else 0.0
 
 
 def p_value_of(step: Step) -> float:

@@ -23,8 +23,7 @@ from identification.diagnosis.results.recorded_functions import Functions
 from identification.diagnosis.search.candidates import score_of
 from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.refinement import DEPARTURES, OWN
-from identification.diagnosis.search.scoring import Step
-from identification.diagnosis.search.weight_of_evidence import DECISIVE
+from identification.diagnosis.search.scoring import DETECT, Step
 
 # log prior odds of a name against a function without one, so that a tie is a name: of 112 right names (proof, seed
 # 24112602, and another author's simulator) the least had 0 without them, forms that are such a function themselves
@@ -55,7 +54,7 @@ def checked_alternative(
     further, explained, left = best_of(form, functions)
     trials = float(np.log(max(len(functions), 1)))
     # what noise that is correlated from row to row explains as well is no remainder
-    if left is not None and further - trials > DECISIVE and evidence_in_any_noise(form, left) - trials > DECISIVE:
+    if left is not None and further - trials > DETECT and evidence_in_any_noise(form, left) - trials > DETECT:
         large = explained > OWN * own
         log.add("remainder-of-name", "refused" if large else "kept", main, explained / own, OWN, beside=_words(left))
         if large:

@@ -26,13 +26,13 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.statements import subject
 from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.scoring import Step
-from identification.diagnosis.search.weight_of_evidence import BEYOND_DOUBT
 
 ENCODER = re.compile(r"enc(oder)?\d*|scale|ruler", re.IGNORECASE)
 LEVEL = re.compile(r"(spirit)?level\d*|tilt|incl(inometer)?", re.IGNORECASE)
 SEEN = 6.0  # standard errors from which a witness supports a finding
 LITTLE = 0.3  # of the predicted motion: a witness that certainly shows less contradicts the finding
 AGREES = 10.0  # Bayes factor of each supporting witness
+LEAST_EVIDENCE_INSTEAD = 7.0  # log Bayes factor that an alternative must have to replace a contradicted finding
 
 Agreement = Literal["supports", "contradicts"]
 
@@ -120,7 +120,7 @@ def apply_witnesses(
             new = _instead(linear, group[0], seen)
             if not new:
                 continue
-            least = max(BEYOND_DOUBT, group[0].evidence / 2)
+            least = max(LEAST_EVIDENCE_INSTEAD, group[0].evidence / 2)
             instead = new[0].effect, new[0].evidence, least
             log.add("uncontradicted-alternative", "kept", *instead, beside=group[0].effect)
             named = subject(group[0].effect)
@@ -202,7 +202,7 @@ def _instead(linear: LinearModel, step: Step, seen: Sequence[Witness]) -> list[S
     for empirical in (False, True):
         for alternative in step.alternatives:
             if alternative.effect.empirical is not empirical or alternative.evidence < max(
-                BEYOND_DOUBT, step.evidence / 2
+                LEAST_EVIDENCE_INSTEAD, step.evidence / 2
             ):
                 continue
             alone = replace(

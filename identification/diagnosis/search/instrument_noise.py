@@ -21,7 +21,7 @@ from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.residual_rows import by_rows
 from identification.diagnosis.search.candidates import Candidates
-from identification.diagnosis.search.weight_of_evidence import DECISIVE
+from identification.diagnosis.search.scoring import DETECT
 from identification.estimation.noise import is_round_off
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
@@ -84,7 +84,7 @@ def _cleared(linear: LinearModel, candidates: Candidates) -> LinearModel | None:
     """The linear model with proposals added until there is evidence for no more; None where there always is."""
     for _ in range(MOST):
         ranked = candidates.scores(linear).by_key()
-        if not ranked or ranked[0][0] - np.log(len(ranked)) < DECISIVE:
+        if not ranked or ranked[0][0] - np.log(len(ranked)) < DETECT:
             return linear
         linear = linear.with_effect(candidates.effects[ranked[0][1]])
     return None

@@ -20,12 +20,12 @@ from identification.diagnosis.search.criteria import heldout_rms, one_sensor
 from identification.diagnosis.search.forward_selection import forward_select
 from identification.diagnosis.search.model import EffectModel, log_evidence, replayed
 from identification.diagnosis.search.refinement import OWN, apart, distinct
-from identification.diagnosis.search.scoring import NEAR, Step, choose
+from identification.diagnosis.search.scoring import CLEARLY, NEAR, Step, choose
 from identification.diagnosis.search.shape_fit import optimise_shapes
-from identification.diagnosis.search.weight_of_evidence import BEYOND_DOUBT
 from identification.runtime.parallel import parallel_map
 from identification.runtime.progress import Progress, silent
 
+SERIOUS = 7.0  # log Bayes factor by which an alternative may be behind
 MOST_ALTERNATIVES = 2  # of a finding, from which the search is repeated
 OF_REFINED = 3  # the same of a refined finding; its alternatives may be behind by `NEAR` of the evidence too
 OF_EMPIRICAL = 0.3  # in place of `NEAR` for an empirical term: it may stand for two effects at once
@@ -54,9 +54,7 @@ def compare_alternatives(
         other = replayed(model.start, steps)
         value = log_evidence(other)
         # near-ties go to the model that rests half as much on empirical terms
-        least = most + (
-            BEYOND_DOUBT if 2 * empirical_evidence(other) + BEYOND_DOUBT > empirical_evidence(best) else -BEYOND_DOUBT
-        )
+        least = most + (CLEARLY if 2 * empirical_evidence(other) + CLEARLY > empirical_evidence(best) else -CLEARLY)
         better, what = value > least, f"search {own.search}: {_effects(other)}"
         word: Outcome = "accepted" if better else "refused"
         log.add("model-evidence", word, what, value - most, least - most, beside=_effects(best))
@@ -102,7 +100,7 @@ def _alternatives(model: EffectModel, log: DecisionLog) -> Iterator[tuple[Step, 
         linear = model.without(group)
         refined = len(group) > 1
         near = OF_EMPIRICAL if main.effect.empirical else NEAR
-        least = main.marginal - (max(BEYOND_DOUBT, near * main.marginal) if refined else BEYOND_DOUBT)
+        least = main.marginal - (max(SERIOUS, near * main.marginal) if refined else SERIOUS)
         for alternative in sorted(main.alternatives, key=lambda r: -r.evidence):
             effect = alternative.effect
             if effect.empirical or effect.effect in seen or alternative.evidence < least:
@@ -124,7 +122,7 @@ def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog)
     """
     groups = model.findings
     for main, *more in groups:
-        if sum(s.evidence for s in more) < max(BEYOND_DOUBT, SLIGHT * main.evidence):
+        if sum(s.evidence for s in more) < max(SERIOUS, SLIGHT * main.evidence):
             continue
         others = [g[0] for g in groups if g[0] is not main]
         likely = optimise_shapes(model.without(more), candidates, MOST_ALTERNATIVES_TRIED)
@@ -136,10 +134,10 @@ def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog)
         for steps in (elsewhere, named):
             able = (s for s in steps if _another_cause(main.effect, s.effect))
             second = replace(max(able, key=lambda s: s.evidence, default=main), parent=None)
-            if second.evidence < BEYOND_DOUBT or second.effect.key in begun:
+            if second.evidence < SERIOUS or second.effect.key in begun:
                 continue
             begun.add(second.effect.key)
-            log.add("second-cause", "examined", second.effect, second.evidence, BEYOND_DOUBT, beside=main.effect)
+            log.add("second-cause", "examined", second.effect, second.evidence, SERIOUS, beside=main.effect)
             first = _named(main, model.start, [*others, second], candidates) if main.effect.empirical else main
             yield [*others, first, second]
 

@@ -19,7 +19,7 @@ from errormodel.effects.unnamed import Unnamed, switch
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.model import EffectModel, of_groups
-from identification.diagnosis.search.weight_of_evidence import BEYOND_DOUBT
+from identification.diagnosis.search.scoring import CLEARLY
 
 PERIODS = np.geomspace(0.75, 1.33, 17)  # times that of the wave
 EDGES = np.arange(16) / 32  # of a period: after half of one it switches back
@@ -68,13 +68,13 @@ def switched(model: EffectModel, log: DecisionLog = UNRECORDED) -> EffectModel:
         return model
     linear = model.without(group)
     spent = sum(len(linear.columns(s.effect)[1]) + _shapes(s.effect) for s in group)
-    most = _schwarz(model.linear, spent) + BEYOND_DOUBT
+    most = _schwarz(model.linear, spent) + CLEARLY
     step = None
     for form in _switching(linear, main):
         after, count = linear.with_effect(form), len(linear.columns(form)[1])
         value = _schwarz(after, count + _shapes(form))
         word: Outcome = "accepted" if value > most else "refused"
-        log.add("step-function", word, form, value - most + BEYOND_DOUBT, BEYOND_DOUBT, beside=main)
+        log.add("step-function", word, form, value - most + CLEARLY, CLEARLY, beside=main)
         if value > most:
             step, most = replace(group[0], effect=form, delta_chi2=linear.delta_chi2(after), count=count), value
     if step is None:
