@@ -75,6 +75,6 @@ class TargetOffset(Effect):
             if len(tools) <= MOST_TOOLS:
                 for tool in tools.tolist():
                     yield cls(tool=tuple(tool))
-        if scene.rotary:  # without a turn it is a shift of the station
+        if scene.moving and scene.moving[-1].type == "rotary":  # else it is a shift of what carries the tool
             yield from (cls(run=name[4:-1]) for name in scene.runs)
             yield from (cls(at=at) for at in moments(scene))

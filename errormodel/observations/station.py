@@ -7,12 +7,10 @@ Aerosp. Electron. Syst. 21 (1985) 56), then nonlinear least squares with a robus
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.observations.moved_station import FEWEST_OF_PLACE, Move, border, parted, refined, sight
 
 SAME_PLACE = 1e-3  # of the distance: solutions that lie closer together are one
 SAME_MISFIT = 3.0  # ratio of misfits up to which two places explain the lengths alike, by judgement
@@ -21,8 +19,6 @@ ROUND_OFF = 1e-9  # of the distance: smaller misfits are the same
 STEP = 2e-4  # of the spread of the points: errors of a machine make no larger steps from one reading to the next
 STANDS_OUT = 5.0  # times the scatter on both sides: a step; by judgement
 NEEDED = 2.0  # times the scatter: what readings are off without the step, which a moved station hides in part
-MOVED = 1e-4  # of the spread of the points: errors of a machine change less at once
-LINEAR = 2e-3  # of the distance: larger shifts are taken from the two places
 FEWEST_BEHIND = 5  # readings behind a step: fewer are outliers
 MOST_STEPS = 5  # in one recording
 MOST_EVALUATIONS = 50  # of one start: where lengths fit a station, 33 were the most
@@ -59,7 +55,9 @@ def located(
         return {"dead_path": float(np.median(np.linalg.norm(points - station, axis=1) - readings))}
     if any(n in known for n in "xyz"):  # the schema gives all three or none
         raise ValueError("a station of which one coordinate is known. Give all three or none")
-    found = _places(points, readings, known, near)
+    fixed = known.get("dead_path")
+    starts = [np.array([*near, 0.0])] if near is not None else _starts(points, readings, fixed)
+    found = sorted((_refined(points, readings, fixed, s) for s in starts), key=lambda f: f[1])
     (best, misfit), spread = found[0], float(np.ptp(points, axis=0).max())
     if misfit > FOREIGN * spread:
         raise ValueError(
@@ -127,80 +125,6 @@ def interruptions(points: Array, readings: Array, place: Array) -> list[tuple[in
     return sorted((k, -float(step)) for k, step in zip(found, x[base.shape[1] :], strict=True))
 
 
-def moves(
-    points: Array, readings: Array, known: Mapping[str, float], near: Sequence[float] | None = None,
-    least: float = MOVED,
-) -> list[Move]:  # fmt: skip
-    """Readings before which the station was moved, so that no one place fits those on both sides.
-
-    Parameters
-    ----------
-    points : (n, 3) mm; readings : (n,) mm, in the order of recording.
-    known, near : as for `located`.
-    least : of the spread of the points: by so much must a move change the distances, beside a constant.
-    """
-    spread = float(np.ptp(points, axis=0).max())
-
-    def place(some: Array, own: Array) -> Array:
-        found = located(some, own, known, near)
-        return np.array([{**known, **found}[n] for n in (*"xyz", "dead_path")])
-
-    one, misfit = _places(points, readings, known, near)[0]
-    if misfit > FOREIGN * spread:
-        places = parted(points, readings, place, FOREIGN * spread)
-        return [
-            Move(first, there[:3] - before[:3], float(before[3] - there[3]))
-            for (_, before), (first, there) in pairwise(refined(points, readings, places, FOREIGN * spread))
-        ]
-    changes = sight(points, one)
-    gap = np.linalg.norm(points - one[:3], axis=1) - one[3] - readings
-    at = (points - points.mean(axis=0)) / max(spread, 1e-9)
-    # errors of the machine that grow with the position, along the lines of sight
-    errors = (changes[:, :3, None] * at[:, None, :]).reshape(len(at), -1)
-    columns = np.column_stack([changes, errors])
-    low, high = np.quantile(gap, [0.02, 0.98])  # single readings far off decide nothing
-    found = border(columns, changes, np.clip(gap, low, high))
-    if found is None:
-        return []
-    first, n = found[0], len(gap)
-    after = np.column_stack([columns, changes * (np.arange(n) >= first)[:, None]])
-    x = _least_sum(after, gap)
-    left = gap - after @ x
-    only = np.delete(after, range(len(x) - 4, len(x) - 1), axis=1)  # a counter that was set, at one place
-    before = gap - only @ _least_sum(only, gap)
-    shorter = slice(first, None) if 2 * first >= n else slice(None, first)
-    scatter = 1.4826 * max(float(np.median(np.abs(left))), float(np.median(np.abs(left[shorter]))))
-    varies = float(np.std(changes @ x[-4:]))
-    explained = float(np.median(np.abs(before[shorter])))
-    if varies < max(least * spread, STANDS_OUT * scatter) or explained < NEEDED * scatter:
-        return []
-    shift = -x[-4:-1]
-    if np.linalg.norm(shift) > LINEAR * np.linalg.norm(points - one[:3], axis=1).mean():
-        try:
-            there, here = (place(points[part], readings[part]) for part in (slice(first, n), slice(0, first)))
-            shift = there[:3] - here[:3]
-        except ValueError:
-            pass  # too few readings, or in a plane: the linear shift stays
-    return [Move(first, shift, float(x[-1]))]
-
-
-def elsewhere(points: Array, readings: Array, place: Array) -> Move | None:
-    """How far beside a known place (station and dead path) the lengths were measured; None where they fit it.
-
-    Parameters
-    ----------
-    points : (n, 3) mm; readings : (n,) mm.
-    place : (4,) station and dead path.
-    """
-    if len(readings) < FEWEST_OF_PLACE:
-        return None
-    off = float(np.median(np.abs(np.linalg.norm(points - place[:3], axis=1) - place[3] - readings)))
-    if off < MOVED * float(np.ptp(points, axis=0).max()):
-        return None
-    free, left = _places(points, readings, {}, place[:3].tolist())[0]
-    return Move(0, free[:3] - place[:3], float(place[3] - free[3])) if left * STANDS_OUT < off else None
-
-
 def _split(values: Array) -> int | None:
     """The place at which the means before and behind differ most, by the variance between them; None of too few."""
     n = len(values)
@@ -223,15 +147,6 @@ def _least_sum(columns: Array, values: Array) -> Array:
         weight = 1 / np.sqrt(np.maximum(left, 1e-3 * max(float(np.median(left)), 1e-9)))
         x = np.linalg.lstsq(columns * weight[:, None], values * weight, rcond=None)[0]
     return np.asarray(x)
-
-
-def _places(
-    points: Array, readings: Array, known: Mapping[str, float], near: Sequence[float] | None
-) -> list[tuple[Array, float]]:
-    """Places (x, y, z, dead path) that the lengths may be from and their misfits, the best first."""
-    fixed = known.get("dead_path")
-    starts = [np.array([*near, 0.0])] if near is not None else _starts(points, readings, fixed)
-    return sorted((_refined(points, readings, fixed, s) for s in starts), key=lambda f: f[1])
 
 
 def _starts(points: Array, readings: Array, dead_path: float | None) -> list[Array]:

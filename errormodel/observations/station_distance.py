@@ -18,21 +18,11 @@ from errormodel.observations.base import (
     coordinates,
     quantity,
 )
-from errormodel.observations.moved_station import FEWEST_OF_PLACE, Move
-from errormodel.observations.station import MOVED, elsewhere, interruptions, located, moves
+from errormodel.observations.station import interruptions, located
 from errormodel.yamlfile import Vector3
 
 if TYPE_CHECKING:
     import casadi as ca
-
-LOST = (
-    "a beam that was lost, or a counter that was set. "
-    "Give the rows behind each step a run of their own (column run) and write dead_path: per-run"
-)
-TWO_STATIONS = (
-    "Declare one station more: give the rows from there on a run of their own (column run) and write station: per-run, "
-    "dead_path: per-run, or another name in the column observation"
-)
 
 Station = Annotated[Vector3 | Literal["unknown", "per-run"], Field(union_mode="smart")]
 
@@ -76,27 +66,15 @@ class StationDistance(Observation):
         return ca.SX(ca.norm_2(tips[0].point - ca.vertcat(of["x"], of["y"], of["z"])) - of["dead_path"])
 
     def start(self, points: Sequence[Array], readings: Array, known: Mapping[str, float]) -> dict[str, float]:
-        try:
-            found = located(points[0], readings, known, self.near)
-        except ValueError:
-            if len(readings) > FEWEST_OF_PLACE and (moved := moves(points[0], readings, known, self.near)):
-                raise StepError(_steps(moved, len(readings))) from None
-            raise
-        if not found:
-            return found
+        found = located(points[0], readings, known, self.near)
         place = np.array([{**known, **found}[n] for n in (*"xyz", "dead_path")])
-        if "x" in known and (beside := elsewhere(points[0], readings, place)) is not None:
-            at = ", ".join(f"{v:.1f}" for v in place[:3])
-            raise StepError(
-                f"lengths that are not from [{at}], where the file or the other rows put the station, but from "
-                f"{beside.text} beside it: it was moved. {TWO_STATIONS}"
-            )
         steps = interruptions(points[0], readings, place)
-        if "x" not in known and (moved := moves(points[0], readings, known, self.near, 0.0 if steps else MOVED)):
-            raise StepError(_steps(moved, len(readings)))
         if steps:
             some = "; ".join(f"from reading {k + 1} of {len(readings)} on {abs(s):.3g} mm {_than(s)}" for k, s in steps)
-            raise StepError(f"lengths that change by a step, {some} than before: {LOST}")
+            raise StepError(
+                f"lengths that change by a step, {some} than before: a beam that was lost, or a counter that was set. "
+                "Give the rows behind each step a run of their own (column run) and write dead_path: per-run"
+            )
         return found
 
     @classmethod
@@ -111,19 +89,6 @@ class StationDistance(Observation):
         if self.near is None:
             raise ValueError("a station of which nothing is known. State x, y and z, or near: [x, y, z] in survey.yaml")
         return dict(zip("xyz", self.near, strict=True))
-
-
-def _steps(moved: Sequence[Move], count: int) -> str:
-    """What happened before which readings, and what to write."""
-    if all(m.counter_only for m in moved):
-        some = "; ".join(
-            f"from reading {m.first + 1} of {count} on {abs(m.longer):.3g} mm {_than(m.longer)}" for m in moved
-        )
-        return f"lengths that change by a step, {some} than before: {LOST}"
-    some = "; ".join(
-        f"from reading {m.first + 1} of {count} on they fit a place {m.text} beside the one before" for m in moved
-    )
-    return f"lengths of a station that was moved: {some}. {TWO_STATIONS}"
 
 
 def _than(step: float) -> str:

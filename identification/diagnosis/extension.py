@@ -14,15 +14,18 @@ from identification.diagnosis.linear.linear_model import LEAST_RUN, MOST_ROWS, L
 from identification.diagnosis.linear.row_residuals import spread
 from identification.diagnosis.results.findings import Untestable
 from identification.diagnosis.results.model_discrepancy import with_form
+from identification.diagnosis.results.physical_limits import times_usual
 from identification.diagnosis.results.untestable import unseen
 from identification.diagnosis.results.witnesses import WitnessResult, apply_witnesses
 from identification.diagnosis.search.candidates import WIDEST, Candidates, Ranked
 from identification.diagnosis.search.conditional_evidence import in_correlated_noise
+from identification.diagnosis.search.criteria import base_channels
 from identification.diagnosis.search.forward_selection import forward_select
 from identification.diagnosis.search.instrument_noise import tracker_noise
 from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.model_comparison import NO_WORSE, compare_alternatives
 from identification.diagnosis.search.proposals import enough_rows, proposed
+from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
 from identification.runtime.progress import Progress
@@ -75,7 +78,10 @@ def explained(fit: Fit, survey: Survey, changes: Sequence[Effect], progress: Pro
 def _that_predicts(
     fit: Fit, model: EffectModel, survey: Survey, changes: Sequence[Effect], log: DecisionLog
 ) -> tuple[EffectModel, Fit]:
-    """The model, less findings with which rows left out are predicted worse than by the plain `fit`; and its fit."""
+    """The model, less findings with which rows left out are predicted worse than by the plain `fit`; and its fit.
+
+    Less those, too, that time or temperature drives and that are larger than physics has them.
+    """
     machine = fit.chain.machine
     first = len(machine.effects) + len(changes)
 
@@ -88,13 +94,36 @@ def _that_predicts(
 
     final = extended(model)
     while model.findings:
-        if error(final) <= NO_WORSE * error(fit):
+        if error(final) > NO_WORSE * error(fit):
+            out = min((g[0] for g in model.findings), key=lambda s: s.evidence)
+            log.add("prediction-made-worse", "removed", out.effect, ratio(error(final), error(fit)), NO_WORSE)
+        elif (impossible := _impossible_later(model, final, first)) is not None:
+            out, times = impossible
+            log.add("physical-size", "removed", out.effect, times, WIDEST)
+        else:
             break
-        out = min((g[0] for g in model.findings), key=lambda s: s.evidence)
-        log.add("prediction-made-worse", "removed", out.effect, ratio(error(final), error(fit)), NO_WORSE)
         model = of_groups(model.start, [g for g in model.findings if g[0] is not out])
         final = extended(model)
     return model, with_form(final, model, first) if model.steps else final
+
+
+def _impossible_later(model: EffectModel, final: Fit, first: int) -> tuple[Step, float] | None:
+    """A named effect by time or temperature that is larger than physics has it, and how many times the usual size.
+
+    Later times and other temperatures are beyond what was measured: there such a form is no prediction.
+    """
+    for k, step in enumerate(model.steps):
+        effect = step.effect
+        if (
+            step.parent is None
+            and not effect.empirical
+            and not effect.random
+            and "temperature" in base_channels(effect)
+        ):
+            times, _ = times_usual(effect, final.chain.effect_ids[first + k], final)
+            if times > WIDEST:
+                return step, times
+    return None
 
 
 def _tried(fit: Fit, progress: Progress, log: DecisionLog) -> tuple[LinearModel, Candidates]:

@@ -54,7 +54,7 @@ def check_survey(machine: Machine, survey: Survey) -> Checked:
     points = bool(np.isfinite(survey.fit.measured).any())
     proof = prove(machine, survey, False, points)
     chain = Chain(machine)
-    lengths = lengths_of(chain, survey, build(chain, survey).views) if "length" in survey.table else []
+    lengths = lengths_of(chain, build(chain, survey).views) if "length" in survey.table else []
     refuse_exchanged(survey, lengths)
     return Checked(machine, survey, proof, describe(machine, survey), tuple(lengths))
 

@@ -89,7 +89,7 @@ def set_ups(chain: Chain, survey: Survey, readings: Sequence[ReadingFile]) -> Se
     if not readings or any(r.joined.interrupted for r in readings):
         return SetUps()
     problem = build(chain, survey)
-    lengths = lengths_of(chain, survey, problem.views)
+    lengths = lengths_of(chain, problem.views)
     refuse_exchanged(survey, lengths)
     return SetUps(tuple(lengths), tuple(_places(problem.readings)))
 

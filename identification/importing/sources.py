@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -24,10 +24,8 @@ from errormodel.surveys.columns import MEASURED, quantity_of
 from errormodel.surveys.file import RawEntry
 from errormodel.surveys.raw import LABELS, READ_BACK, is_column, read_raw, with_map
 from errormodel.units import factor, is_unit
-from identification.importing.roles import Kind, commands_by_place, nominal_and_actual, reading_roles, roles, unused
+from identification.importing.roles import Kind, commands_by_place, reading_roles, roles, unused
 
-SHOWN = 6  # words of a format for its columns, in a message
-TABLE = "delimited-table"
 FOLDER = "raw"  # of a survey, for the files as they came
 
 What = Literal["points", "motions", "readings", "single", "log", "commands"]
@@ -179,8 +177,6 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes, severa
     given = wishes.command_columns if of_commands else wishes.columns
     units = wishes.command_units if of_commands else wishes.units
     form = format_of(raw, asked or _named_by(given, machine))
-    if wishes.observation is not None and not asked and form.name.startswith("positioning"):
-        form = format_of(raw, TABLE)  # nominal and measured lengths, of a gauge and not of an axis
     words = {ours: theirs for ours, theirs in given.items() if ours in form.columns}
     given = {ours: theirs for ours, theirs in given.items() if ours not in words}
     table = raw.clear_layout
@@ -211,8 +207,6 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes, severa
             "columns": {**words, **found},
         }
     )  # fmt: skip
-    if kind == "whole" and (note := nominal_and_actual(found, machine)):
-        recording = replace(recording, notes=(*recording.notes, note))
     mapped = with_map(recording, entry.model_copy(update={"path": str(path)}), machine)
     if wishes.circle is not None and not of_commands and not recording.trace and not {*MEASURED} & {*mapped.frame}:
         text = f"a circle is stated, and no angles are among its columns {', '.join(names[:12])}"
@@ -321,9 +315,7 @@ def _what(path: Path, recording: Recording, machine: Machine, kind: Kind, single
         raise InputError(str(path), found, f"Say which it is: --columns {single.reading}=..")
     first = next((n for n in names if frame[n].dtype.kind == "f"), names[0])
     others = "; ".join(
-        f"of {form.title} by {', '.join(form.columns[:SHOWN])}{' ...' if len(form.columns) > SHOWN else ''}"
-        for form in raw_formats().values()
-        if form.columns
+        f"of {form.title} by {', '.join(form.columns)}" for form in raw_formats().values() if form.columns
     )
     cure = f"Say which they are: --columns mx={first},my=..,mz=..; {others}"
     raise InputError(str(path), found, f"{cure}; of single readings --observation, one of {', '.join(registry())}")

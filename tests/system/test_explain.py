@@ -51,7 +51,7 @@ def test_a_finding_has_its_evidence_tests_and_alternatives(gantry: Path) -> None
     parts = ("number 1 of", "gain in log likelihood", "detection: ", "threshold 4.6, margin", "cross-validation: ")
     for part in parts:
         assert part in text
-    assert "instead ram-sag@X" in text
+    assert "instead contact-knee@X" in text
 
 
 def test_a_finding_of_a_mill_and_what_it_may_be_instead(mill: Path) -> None:
@@ -129,8 +129,8 @@ def test_the_short_form_agrees_with_the_whole_log(gantry: Path) -> None:
     assert {(s, o): n for s, own in decisions["stages"].items() for o, n in own.items()} == counts.to_dict()
     assert [(f["effect"], f["where"]) for f in decisions["findings"]] == [("beam-sag", "X")]
     near = {(n["effect"], n["where"]): n for n in decisions["near"]}
-    assert near["ram-sag", "X"]["fate"] == "alternative"
-    assert near["ram-sag", "X"]["explained_by"] == ["beam-sag@X"]
+    assert near["contact-knee", "X"]["fate"] == "alternative"
+    assert near["contact-knee", "X"]["explained_by"] == ["beam-sag@X"]
 
 
 def test_every_candidate_is_scored_in_the_first_round(gantry: Path) -> None:
@@ -148,10 +148,10 @@ def test_every_candidate_is_scored_in_the_first_round(gantry: Path) -> None:
 
 
 def test_the_function_answers_as_the_command_does(gantry: Path) -> None:
-    answer = explain(gantry, "ram-sag")
-    assert answer.summary() + "\n" == said(gantry, "ram-sag")
-    assert answer.fates[0].place == "ram-sag@X"
-    assert set(answer.decisions["effect"]) == {"ram-sag"}
+    answer = explain(gantry, "contact-knee")
+    assert answer.summary() + "\n" == said(gantry, "contact-knee")
+    assert answer.fates[0].place == "contact-knee@X"
+    assert set(answer.decisions["effect"]) == {"contact-knee"}
     assert len(explain(gantry).decisions) > 1000
 
 

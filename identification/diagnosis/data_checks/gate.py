@@ -25,7 +25,7 @@ from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
 from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
-from identification.diagnosis.data_checks.readings import lengths_of, refuse_minority, set_up_lines
+from identification.diagnosis.data_checks.readings import lengths_of, refuse_minority, start_notes
 from identification.diagnosis.data_checks.readings import refuse_wild as refuse_wild_lengths
 from identification.diagnosis.data_checks.runs_of_motions import refuse_unlike_runs
 from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
@@ -59,12 +59,12 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
             examine(machine, survey)  # a mistake is a better reason than what came of it
         raise
     _refuse_copies(fit.chain, survey)
-    lengths = lengths_of(fit.chain, fit.survey, fit.problem.views)
+    lengths = lengths_of(fit.chain, fit.problem.views)
     if robust:
         refuse_minority(survey, fit)
     else:
         refuse_wild_lengths(survey, lengths)
-    fit = replace(fit, notes=(*fit.notes, *set_up_lines(fit.survey, lengths)))
+    fit = replace(fit, notes=(*fit.notes, *start_notes(fit.survey, lengths)))
     refuse_turned_head(fit)
     refuse_foreign_orientations(survey, fit.problem.views)
     refuse_unstated_rotation(fit)

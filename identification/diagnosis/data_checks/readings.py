@@ -16,7 +16,6 @@ from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.blunder import listed
-from identification.diagnosis.data_checks.moved_stations import MovedStation, moved_stations
 from identification.diagnosis.data_checks.shared_starts import WrongStart, start_lines, wrong_starts
 from identification.estimation.checks import WILD, WILD_FROM
 from identification.estimation.result import Fit
@@ -40,7 +39,6 @@ class Lengths:
     wild : (k,) places of the readings that lie far off.
     exchanged : pairs of places of readings that fit in each other's place.
     starts : set-ups that are off by the same amount in all their readings.
-    moved : stations that were moved on the way.
     """
 
     label: str
@@ -49,13 +47,11 @@ class Lengths:
     wild: Index
     exchanged: tuple[tuple[int, int], ...]
     starts: tuple[WrongStart, ...] = ()
-    moved: tuple[MovedStation, ...] = ()
 
 
-def lengths_of(chain: Chain, survey: Survey, views: Sequence[View]) -> list[Lengths]:
+def lengths_of(chain: Chain, views: Sequence[View]) -> list[Lengths]:
     """The lengths in a survey, an entry an observation (or a run, where its set-up is one a run)."""
-    out: list[Lengths] = []
-    moved = [*moved_stations(survey, views)]
+    out = []
     for view in views:
         if not isinstance(view, ReadingView) or view.turns:
             continue
@@ -64,9 +60,7 @@ def lengths_of(chain: Chain, survey: Survey, views: Sequence[View]) -> list[Leng
         wild = np.flatnonzero(np.abs(gap) > max(WILD * usual, WILD_FROM * chain.size))
         nominal = view.measured - gap
         exchanged = _exchanged(view.measured, nominal, wild, usual, chain)
-        first = all(own.label != view.label for own in out)
-        where = tuple(m for m in moved if first and m.label == view.label)
-        out.append(Lengths(view.label, view.index, gap, wild, exchanged, wrong_starts(view, gap), where))
+        out.append(Lengths(view.label, view.index, gap, wild, exchanged, wrong_starts(view, gap)))
     return out
 
 
@@ -130,13 +124,12 @@ def length_lines(survey: Survey, lengths: Sequence[Lengths]) -> Iterator[str]:
         if len(own.wild):
             text += f"; far off: rows {listed(_rows(survey, own.index)[own.wild].tolist())} (fit with --robust)"
         yield text
-        yield from set_up_lines(survey, [own])
+        yield from start_lines(survey, own.label, own.index, own.starts)
 
 
-def set_up_lines(survey: Survey, lengths: Sequence[Lengths]) -> Iterator[str]:
-    """Sentences on set-ups of distances that are off in common, and on stations that were moved."""
+def start_notes(survey: Survey, lengths: Sequence[Lengths]) -> Iterator[str]:
+    """Sentences on set-ups of distances that are off in common."""
     for own in lengths:
-        yield from (moved.text for moved in own.moved)
         yield from start_lines(survey, own.label, own.index, own.starts)
 
 
