@@ -63,7 +63,8 @@ def test_the_same_input_gives_the_same_bytes_in_another_process(mill: Path, tmp_
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
     assert tree(tmp_path / "fit") == tree(mill / "fit")
     done("predict", mill / "fit", mill / "s.csv", "--out", tmp_path / "a.csv", "--quiet")
-    result = process("predict", tmp_path / "fit", mill / "s.csv", "--out", tmp_path / "b.csv", PYTHONHASHSEED="8")
+    asked = ("predict", tmp_path / "fit", mill / "s.csv", "--out", tmp_path / "b.csv", "--quiet")
+    result = process(*asked, PYTHONHASHSEED="8")
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
     assert result.stderr == ""  # progress is no warning
 

@@ -129,8 +129,8 @@ def test_the_short_form_agrees_with_the_whole_log(gantry: Path) -> None:
     assert {(s, o): n for s, own in decisions["stages"].items() for o, n in own.items()} == counts.to_dict()
     assert [(f["effect"], f["where"]) for f in decisions["findings"]] == [("beam-sag", "X")]
     near = {(n["effect"], n["where"]): n for n in decisions["near"]}
-    assert near["contact-knee", "X"]["fate"] == "alternative"
-    assert near["contact-knee", "X"]["explained_by"] == ["beam-sag@X"]
+    assert near["higher-order-geometry", "X"]["fate"] == "alternative"
+    assert near["higher-order-geometry", "X"]["explained_by"] == ["beam-sag@X"]
 
 
 def test_every_candidate_is_scored_in_the_first_round(gantry: Path) -> None:
