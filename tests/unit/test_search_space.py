@@ -44,7 +44,9 @@ def test_without_lengths_a_member_may_be_a_ram_or_a_slide() -> None:
 
 
 @pytest.mark.parametrize(("name", "told_apart"), [("six_axis_arm", True), ("five_axis_table_quill", False)])
-def test_a_target_is_exchanged_where_a_turn_tells_it_from_a_shift_of_what_carries_it(name: str, told_apart: bool) -> None:
+def test_a_target_is_exchanged_where_a_turn_tells_it_from_a_shift_of_what_carries_it(
+    name: str, told_apart: bool
+) -> None:
     machine = read_machine(name)
     rng = np.random.default_rng(0)
     columns = {j.name: rng.uniform(*j.travel, 40) for j in machine.joints}
