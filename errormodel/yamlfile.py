@@ -26,7 +26,7 @@ from errormodel.inputs import is_unicode, noted
 Keys: TypeAlias = tuple[str | int, ...]
 """The way to a value: keys of mappings, and places in lists counted from 0."""
 
-MAX_YAML_BYTES = 500_000  # longest file, bytes: at most 5 s to parse; the longest of a machine has some 20 kB
+MAX_YAML_BYTES = 300_000  # longest file, bytes: at most 5 s to parse; the longest of a machine has some 20 kB
 MAX_YAML_VALUES = 100_000  # most values; every use of an alias counts, which stops files that expand exponentially
 MAX_YAML_DEPTH = 40  # deepest nesting; by judgement
 
