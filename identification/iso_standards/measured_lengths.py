@@ -18,7 +18,6 @@ from errormodel.survey import Survey
 from errormodel.surveys.observations import Group, groups
 from identification.iso_standards.series import SAME_POSITION, sides_of
 
-TYPES = ("station-distance", "pose-distance")
 FEWEST_TARGETS = 3
 OFF_LINE_SHARE = 1e-6  # of a line's length: commanded points closer to it lie on it
 # of the travel, by which lengths along a line may differ from it: more is a beam that lies across; 1.8 degrees
@@ -58,7 +57,7 @@ def lengths_of(survey: Survey, machine: Machine) -> Iterator[Lengths]:
     joints = machine.joints
     q = survey.commands([j.name for j in joints])
     for group in groups(survey.table, survey.observations):
-        if group.observation.type not in TYPES:
+        if group.observation.reading != "length" or not group.observation.anywhere:
             continue
         for own in _set_ups(group, chain, survey):
             found = _along(survey, machine, chain, group, own, q)

@@ -138,7 +138,7 @@ class View(ABC):
     @property
     def any_axes(self) -> bool:
         """Whether sums over the rows are the same in any axes: positions with one weight a row."""
-        return False
+        return self.whitener.ndim == 1 and self.what == "design" and self.outputs == (0, 1, 2)
 
     def in_other_axes(self, p: Array) -> tuple[Kernel, Callable[[slice], list[Array]]]:
         """Kernel of M at zero errors and of the gap at `p` in the axes of `errormodel.turned_design`, and its rows."""
@@ -171,10 +171,6 @@ class PositionView(View):
 
     measured: Array  # (n, 3) mm in the measuring frame, 0 where not measured
     pose: Pose = IDENTITY
-
-    @property
-    def any_axes(self) -> bool:
-        return self.whitener.ndim == 1 and self.what == "design" and self.outputs == (0, 1, 2)
 
     def in_other_axes(self, p: Array) -> tuple[Kernel, Callable[[slice], list[Array]]]:
         kernel = turned_kernel(self.chain, "actual" if p.any() else "nominal", self.ids, self.fixed)
@@ -209,10 +205,6 @@ class GapView(View):
     """
 
     gap: Array  # (outputs, n) measured minus predicted, in the axes of the reference
-
-    @property
-    def any_axes(self) -> bool:
-        return self.whitener.ndim == 1 and self.what == "design" and self.outputs == (0, 1, 2)
 
     def in_other_axes(self, p: Array) -> tuple[Kernel, Callable[[slice], list[Array]]]:
         kernel = turned_kernel(self.chain, "given", self.ids, self.fixed)

@@ -42,8 +42,6 @@ ALLOWED = {
     "errormodel/effects/wobble.py": {"harmonic"},  # the same
     "errormodel/effects/tracker_drift.py": {"warm-up"},  # of a tracker, in its source
     "identification/thermal_drift/recordings.py": {"warm-up"},  # a phase of a recording
-    # readings that are a distance along a line
-    "identification/iso_standards/measured_lengths.py": {"station-distance", "pose-distance"},
     "identification/planning/setup.py": {"cmm"},  # an example in the description of a key
     "errormodel/surveys/file.py": {"cmm"},  # the same
     "errormodel/machine_file.py": {"ram-sag", "first-order"},  # the same, and what joints without an entry have

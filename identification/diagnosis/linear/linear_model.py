@@ -24,7 +24,7 @@ from errormodel.surveys.observations import start_of
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
 from identification.diagnosis.linear.first_poses import FirstPoses
 from identification.diagnosis.linear.known_models import Lineage
-from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
+from identification.diagnosis.linear.orthonormal_basis import LEFT, orthonormal_basis
 from identification.diagnosis.linear.random_effects import EXACT, RandomEffects
 from identification.diagnosis.linear.row_channels import LazyChannels, RowChannels, runs_of
 from identification.diagnosis.linear.row_residuals import noise_mm
@@ -191,7 +191,7 @@ class LinearModel:
         if len(hold):
             left, whole = np.hstack([left, np.diag(hold)]), np.hypot(whole, hold)
         norms = np.linalg.norm(left, axis=1)
-        keep = norms > 1e-6 * whole
+        keep = norms > LEFT * whole
         if not (keep.any() or len(hold)):
             return self
         q = orthonormal_basis((left[keep] / norms[keep, None]).T)

@@ -10,7 +10,8 @@ import numpy as np
 
 from errormodel.arrays import Array
 
-MANY = 16  # columns
+LEFT = 1e-6  # of a column's length: as much must be left beside what has been fitted
+MANY = 16  # columns from which their products are quicker
 APART = 1e-5  # of a column's length, left by those before it: the products know that to a millionth
 DEPENDENT = 1e-9  # of a column's length: what the columns before it leave of it, by rounding only
 

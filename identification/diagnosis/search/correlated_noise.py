@@ -8,6 +8,7 @@ averaging). Neither side's noise is estimated from what the other would explain.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice
 
 import numpy as np
 
@@ -70,12 +71,11 @@ def random_evidence(linear: LinearModel, columns: Array) -> float:
     rows = []
     for drifts in (False, True):
         model = filtered_model(linear, drifts=drifts)
-        for filtered, left in zip(model.filtered, model.left_of_columns(columns), strict=True):
+        both = zip(model.filtered, model.left_of_columns(columns), strict=True)
+        for filtered, left in islice(both, drifts, None):  # white noise is the first of either
             whole = float(left.squares.sum())
             random = RandomEffects.from_products(left.grams[0], left.slopes, whole, filtered.square, filtered.freedom)
             rows.append([filtered.likelihood, filtered.likelihood + random.best()[1]])
-        if drifts:
-            del rows[-len(model.filtered)]  # white noise, once more
     without, with_them = logsumexp(rows, axis=0, b=_beforehand(len(rows))).tolist()
     return float(with_them - without)
 

@@ -11,13 +11,12 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.orthonormal_basis import APART
 from identification.diagnosis.linear.random_effects import EXACT
 from identification.diagnosis.search.weighed_products import GEOMETRY, WeighedProducts
 from identification.estimation.noise import Noise, series_edges
 
-# of a column's length: what the others leave of it. Products know it to a millionth of its square; less is made anew
-DEPENDENT = 1e-5
-ROUNDED = 1e-11  # of its square: as much is rounding
+ROUNDED = 1e-11  # of a column's length squared: as much is rounding
 
 
 @dataclass(frozen=True)
@@ -173,7 +172,7 @@ class FromProducts:
             self.filtered.append(
                 Filtered.of(triangle, along[k] / self._scale, float(squares[k]), linear.freedom, lengths)
             )
-        self._products, self.nbytes = products, whole.nbytes
+        self._products = products
 
     def _whole(self, products: WeighedProducts) -> Array:
         """Products (noises, r, r) of all columns that are free; those above the diagonal are none."""
@@ -269,6 +268,6 @@ def _triangle(whole: Array) -> Array:
     from scipy.linalg.lapack import dpotrf
 
     upper, failed = dpotrf(whole.T, lower=False, clean=True, overwrite_a=True)
-    if failed or np.diag(upper).min(initial=1.0) < DEPENDENT:
+    if failed or np.diag(upper).min(initial=1.0) < APART:
         raise DependentError
     return np.asarray(upper.T)

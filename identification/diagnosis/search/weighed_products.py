@@ -16,10 +16,10 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.orthonormal_basis import LEFT
 from identification.estimation.noise import Noise, series_edges
 
 GEOMETRY = 0  # its number; effects have those from 1 on
-KEPT = 1e-6  # of a column's length: less of it the geometry has not left, as in `LinearModel.with_columns`
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class WeighedProducts:
             columns = self._linear.columns(effect)[0][:, : len(self._basis)]
             taken = columns @ self._basis
             left = columns - taken @ self._basis.T
-            seen = np.linalg.norm(left, axis=1) > KEPT * np.linalg.norm(columns, axis=1)
+            seen = np.linalg.norm(left, axis=1) > LEFT * np.linalg.norm(columns, axis=1)
             known = Part(left, taken, np.arange(len(left)) if effect.random else np.flatnonzero(seen))
             self._known.parts.keep(number, known, left.nbytes)
         return known
