@@ -28,13 +28,16 @@ def write_netcdf(fit: Fit, posterior: Posterior, path: Path) -> None:
     variable ``parameter`` over their ids; what is not linear has a variable each, dots in its name becoming
     underscores. The log-likelihood has a variable for each kind of observation, over the survey's rows.
     """
+    from io import BytesIO
+
     import h5netcdf
 
     p = posterior
     chains, draws = p.values.shape[:2]
     library = "emcee" if p.method == "emcee" else "errormodel"
     attributes = {"inference_library": library, "creation_library": "errormodel", "creation_version": __version__}
-    with replacing(path) as part, h5netcdf.File(part, "w") as file:
+    made = BytesIO()  # HDF5 breaks down, with the process, where a disk is full
+    with h5netcdf.File(made, "w") as file:
         sizes: Labels = {"chain": range(chains), "draw": range(draws), "group": p.names}
         own = _variables(p, p.values, p.coordinates)
         _group(file, "posterior", sizes, own, {**attributes, "statement": p.statement})
@@ -55,6 +58,8 @@ def write_netcdf(fit: Fit, posterior: Posterior, path: Path) -> None:
             _group(file, "posterior_predictive", count, figures, attributes)
         seen = {"residual": (("row", "axis"), fit.residuals, "mm")}
         _group(file, "observed_data", {"row": range(len(fit.residuals)), "axis": range(3)}, seen, attributes)
+    with replacing(path) as part:
+        part.write_bytes(made.getbuffer())
 
 
 def as_tree(fit: Fit, posterior: Posterior) -> DataTree:

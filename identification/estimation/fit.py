@@ -38,6 +38,7 @@ from identification.runtime.blas import one_blas_thread
 
 # Consecutive rows left out together in large surveys, a tenth of the rows in small ones; by judgement
 HELDOUT_BLOCK_ROWS = 600
+SMALL_STEP = 1e-3  # of a step, for its derivative: errors of second order and of rounding are far below any noise
 
 
 def fit_machine(
@@ -208,7 +209,8 @@ def held_out(
 
     The sums of a block are subtracted from those of all rows, so that no data is streamed twice. Parameters that are
     `fixed` (at a bound) keep their values. `residuals` computes the residuals: (rows, 3) of positions, or
-    `motion_residuals` (rows, 6).
+    `motion_residuals` (rows, 6); they are linear in the step, since along directions that are hardly determined the
+    exact kinematics would leave the valley of the fit.
     """
     blocks = np.array_split(np.arange(rows), min(max(10, round(rows / HELDOUT_BLOCK_ROWS)), rows))
     zero, place, base = np.zeros(len(problem.chain.ids)), problem.place(), solution.groups.base
@@ -216,22 +218,22 @@ def held_out(
     pick = np.ix_(base, base)
     gram = total(solution.sums, solution.sigma)[0][pick] + np.diag(solution.precision[base])
     scale = 1 / np.sqrt(np.diag(gram))
-    out = residuals([], place, solution.values, zero, rows)
+    out = residuals(problem.views, place, solution.values, zero, rows)
     views_in_order = [v if (np.diff(v.index) > 0).all() else v.part(np.argsort(v.index)) for v in problem.views]
     for block in blocks:
         ends = (np.searchsorted(v.index, [block[0], block[-1] + 1]).tolist() for v in views_in_order)
         views = [v.part(slice(*own)) for v, own in zip(views_in_order, ends, strict=True) if own[0] < own[1]]
         if not views:  # nothing was measured there
             continue
-        own = accumulate(views, place, solution.values, zero)
+        own = accumulate(views, place, solution.values, zero, at=solution.at)
         own_gram, own_slope = total(own, solution.sigma)
         less, slope = gram - own_gram[pick], -own_slope[base]
-        values = solution.values.copy()
         # directions that the other blocks do not determine keep the fitted values
         step = np.linalg.pinv(less * np.outer(scale, scale), rcond=1e-13, hermitian=True) @ (scale * slope)
-        values[base] += scale * step
+        values = solution.values.copy()
+        values[base] += SMALL_STEP * scale * step
         views = [replace(v, index=v.index - block[0]) for v in views]
-        out[block] = residuals(views, place, values, zero, len(block))
+        out[block] += (residuals(views, place, values, zero, len(block)) - out[block]) / SMALL_STEP
     return out, len(blocks)
 
 

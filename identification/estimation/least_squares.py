@@ -60,6 +60,7 @@ class Solution:
     within : standard deviation, over the machine's size, of the prior that holds rigid error motions at zero after the
         fit diverged along weakly observable directions; inf where it did not.
     kept : mean square of the weighted residuals of positions, in noise variances: not 1 if rows are weighted robustly.
+    at : (u,) values at which M in `sums` was taken, where errors are so large that it changes; None: at zero errors.
     """
 
     unknowns: tuple[str, ...]
@@ -76,6 +77,7 @@ class Solution:
     precision: Array
     within: float = np.inf
     kept: float = 1.0
+    at: Array | None = None
 
     def named(self) -> dict[str, float]:
         """Estimates by name."""
@@ -161,12 +163,13 @@ class Solver:
                     for own, v in zip(stored, views, strict=True)
                 ]
             self.views = [GapView.of(v, self.held) if own else v for own, v in zip(stored, views, strict=True)]
+        self.of_tool = any(v.of_tool for v in self.views)
         self.taken = np.zeros(len(unknowns))
         self.place = {name: k for k, name in enumerate(unknowns)}
         self.sigma: dict[Kind, float] = {v.kind: 1.0 for v in views} | dict(levels or {})
         self.known = declared if levels is None else frozenset(levels)
         self.precision = beforehand
-        self.relinearised = False
+        self.at: Array | None = None
         self.each = 1.0  # rows of the survey for each row of the views, where these are a sample
 
     def run(self) -> Solution:
@@ -174,7 +177,7 @@ class Solver:
         seen = self.observed(thorough=False)
         # normal equations of positions need well-separated columns; for readings a triangular factor is used, down to
         # a smaller threshold
-        least = DEPENDENCE_TOLERANCE if any(v.of_tool for v in self.views) else 1e-5 * DEPENDENCE_TOLERANCE
+        least = DEPENDENCE_TOLERANCE if self.of_tool else 1e-5 * DEPENDENCE_TOLERANCE
         groups = find_groups(*seen, least=least)
         if self.missed(groups, start):
             seen = self.observed(thorough=True)
@@ -185,12 +188,14 @@ class Solver:
         for _ in range(MOST_RETREATS):
             if not (floors.direction < groups.margin.direction and floors.lever < groups.margin.lever):
                 groups = find_groups(*seen, floors, least)
-            solve = self.iterate if groups.condition < 1 / DEPENDENCE_TOLERANCE else self.by_factor
+            # a factor is of the linear model; steps of normal equations that lost digits come again until none is left
+            bad = groups.condition > 1 / DEPENDENCE_TOLERANCE
+            solve = self.by_factor if bad and not self.of_tool else self.iterate
             values, sums, passes, converged = solve(groups, start)
             reach = (np.sqrt(whole) * np.abs(values)).max(initial=0.0)  # of error motions at the tip
             if (
                 converged
-                and not (self.relinearised and reach > LINEAR_SHARE)
+                and not (self.at is not None and reach > LINEAR_SHARE)
                 and self.misfit(sums) <= (1 + 1e-9) * self.misfit(start)
             ):
                 break
@@ -200,6 +205,8 @@ class Solver:
             self.precision = beforehand + whole / within**2
             self.taken = np.zeros(len(self.unknowns))
             self.update_noise(start, groups)
+        else:
+            converged = False
         base = groups.base
         covariance = self.covariance(groups, sums)
         free = groups.rank - round(float(np.diag(covariance) @ self.precision[base]))  # less those set by the prior
@@ -217,12 +224,13 @@ class Solver:
             converged,
             self.precision,
             within,
+            at=self.at,
         )
 
     def covariance(self, groups: Groups, sums: dict[Kind, Sums]) -> Array:
         """Covariance of the groups; from a triangular factor of all rows where the normal equations lost digits."""
         base = groups.base
-        if groups.condition < ILL_CONDITIONED or self.relinearised:
+        if groups.condition < ILL_CONDITIONED or self.at is not None:
             gram, _ = self.total(sums)
             return scaled_inverse(gram[np.ix_(base, base)])
         factor = self.triangle(base, np.diag(np.sqrt(self.precision[base])))
@@ -287,7 +295,7 @@ class Solver:
 
     def iterate(self, groups: Groups, sums: dict[Kind, Sums]) -> tuple[Array, dict[Kind, Sums], int, bool]:
         base, pick = groups.base, np.ix_(groups.base, groups.base)
-        values, at = np.zeros(len(self.unknowns)), None
+        values, self.at = np.zeros(len(self.unknowns)), None
         first = last = 0.0
         for passes in range(1, MOST_PASSES + 1):
             self.update_noise(sums, groups)
@@ -310,8 +318,8 @@ class Solver:
             relinearise = passes > 1 and size > max(0.2 * last, small)  # slow convergence: M has changed
             last = size
             if relinearise and self.exact:
-                at, self.relinearised = values, True
-            fresh = self.pass_(values, at, gram=relinearise)
+                self.at = values
+            fresh = self.pass_(values, self.at, gram=relinearise)
             if not relinearise:
                 for kind, old in sums.items():
                     fresh[kind].gram = old.gram
@@ -321,7 +329,8 @@ class Solver:
     def by_factor(self, groups: Groups, sums: dict[Kind, Sums]) -> tuple[Array, dict[Kind, Sums], int, bool]:
         """Solve an ill-conditioned linear problem by orthogonal triangularisation instead of normal equations."""
         values, base = np.zeros(len(self.unknowns)), groups.base
-        factor = self.triangle(base, np.zeros((0, len(base) + 1)), read=True)
+        prior = np.column_stack([np.diag(np.sqrt(self.precision[base])), np.zeros(len(base))])
+        factor = self.triangle(base, prior, read=True)
         values[base] = np.linalg.solve(factor[: len(base), :-1], factor[: len(base), -1])
         sums = self.pass_(values, None, gram=True)
         self.update_noise(sums, groups)

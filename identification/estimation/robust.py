@@ -32,6 +32,8 @@ START_SAMPLE_ROWS = 600  # rows of a view used for the start: limits the time
 MOST_REWEIGHTINGS = 50
 MOST_GROUPINGS = 4  # repetitions in which new weights may change the identifiable groups
 STEP_TOLERANCE_SIGMA = 3e-3  # step, in standard uncertainties, at which reweighting stops; by judgement
+MOST_HALVINGS = 10  # of a step that leads uphill, to a thousandth
+SLOW_STEP_SHARE = 0.9  # of the step before, above which M is taken anew; by judgement: weights alone shrink it faster
 STEP_TOLERANCE_RELATIVE = 1e-6  # step relative to the value at which it stops: accuracy of one solution
 
 
@@ -150,6 +152,7 @@ class _Rows:
         base, values = solution.groups.base, solution.values
         pick, hold, sums, levels = np.ix_(base, base), np.diag(solution.precision), solution.sums, solution.sigma
         inverse = solution.covariance
+        at, last = solution.at, np.inf
         for _ in range(most):
             used = {k: float(np.sum(inverse * own.gram[pick])) / levels[k] ** 2 for k, own in sums.items()}
             used = dict.fromkeys(self.floor, 0.0) | used
@@ -159,16 +162,40 @@ class _Rows:
             weighed = judged.weigh(self.views)
             if not weighed:
                 raise no_majority()
-            sums = accumulate(weighed, self.place, values, self.held)
+            sums = accumulate(weighed, self.place, values, self.held, at=at)
             gram, slope = total(sums, levels)
             gram, slope = gram + hold, slope - hold @ values
             step, inverse = scaled_solve(gram[pick], slope[base]), scaled_inverse(gram[pick])
+            size = float(np.sqrt(max(step @ gram[pick] @ step, 0.0)))
+            if at is not None:
+                step = self.shortened(weighed, levels, values, base, step)
             values = values.copy()
             values[base] += step
             limit = STEP_TOLERANCE_SIGMA * np.sqrt(np.diag(inverse)) + STEP_TOLERANCE_RELATIVE * np.abs(values[base])
             if (np.abs(step) <= limit).all():
                 return values, judged, True
+            if at is not None or size > SLOW_STEP_SHARE * last:  # weights settle faster: M has changed
+                at = values
+            last = size
         return values, judged, False
+
+    def shortened(
+        self, weighed: Sequence[View], levels: Mapping[Kind, float], values: Array, base: Index, step: Array
+    ) -> Array:
+        """The step, halved until it does not make the sum of weighted squares larger; zero where none does."""
+
+        def square(values: Array) -> float:
+            sums = accumulate(weighed, self.place, values, self.held, gram=False)
+            return sum(s.square / levels[k] ** 2 for k, s in sums.items())
+
+        before = square(values)
+        for _ in range(MOST_HALVINGS):
+            trial = values.copy()
+            trial[base] += step
+            if square(trial) <= (1 + STEP_TOLERANCE_RELATIVE) * before:
+                return step
+            step = 0.5 * step
+        return np.zeros_like(step)
 
 
 def _gap(view: View, place: Mapping[str, int], values: Array, held: Array) -> Array:

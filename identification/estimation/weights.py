@@ -128,7 +128,7 @@ def judge(
             live = sum(float(p.live.sum()) for p in pulls)
             expected = sum(float(expect[m] @ p.live) for (_, m, _), p in zip(rows, pulls, strict=True))
             square = sum(float(p.along.sum()) for p in pulls) / max(expected * _left(live, used[kind]), 1e-300)
-            if square < 0:  # no slope of a weight is left: all rows lie beyond those that count
+            if square < 0 or not live:  # no slope of a weight is left: all rows lie beyond those that count
                 raise no_majority()
             if start is None or abs(square - 1) < NOISE_LEVEL_TOLERANCE or level * np.sqrt(square) <= floor[kind]:
                 break
