@@ -1,4 +1,4 @@
-"""Travels of a millimetre far from the joints' zeros: some directions are hardly determined, and M changes along them."""
+"""Travels of a millimetre far from the joints' zeros: some directions are hardly determined, and M changes there."""
 
 from __future__ import annotations
 
