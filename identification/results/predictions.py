@@ -24,8 +24,8 @@ def predicted(stored: StoredFit, commands: Survey, progress: Progress = silent) 
     machine = stored.chain.machine
     with progress("Predicting"):
         result = predict(stored, commands)
-    table = outward(marred(commands.table, machine), machine)
-    table = table.drop(columns=["file", "role", "row", *result.columns], errors="ignore").join(result)
+    table = commands.table.drop(columns=["file", "role", "row", *result.columns], errors="ignore").join(result)
+    table = outward(marred(table, machine), machine)  # as the survey has it, mistakes of its columns included
     turns = ("ea", "eb", "ec", "u_ea", "u_eb", "u_ec", "angle", "u_angle")
     table.attrs["units"] = {name: "rad" if name in turns else "mm" for name in result.columns}
     table.attrs["notes"] = notes_on(stored, commands)

@@ -144,7 +144,13 @@ def test_the_side_of_arrival_is_asked_for(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "blunder",
-    ["column: X, factor: -1", "column: X, factor: 1, offset: 12.5", "column: X, swap: Y", "column: my, factor: -1"],
+    [
+        "column: X, factor: -1",
+        "column: X, factor: 1, offset: 12.5",
+        "column: X, swap: Y",
+        "column: my, factor: -1",
+        "column: mx, swap: mz",
+    ],
 )
 def test_a_table_with_a_mistake_comes_back_as_it_was(tmp_path: Path, blunder: str) -> None:
     """What a command writes is read again with the same mistake: it fits, and commands are those that were asked."""
@@ -160,4 +166,5 @@ def test_a_table_with_a_mistake_comes_back_as_it_was(tmp_path: Path, blunder: st
     done("predict", tmp_path / "fit", tmp_path / "c.csv", "--out", tmp_path / "p.csv")
     predicted = pd.read_csv(tmp_path / "p.csv")
     np.testing.assert_allclose(predicted[joints], poses[joints], rtol=1e-12)
+    np.testing.assert_allclose(predicted[XYZ], pd.read_csv(tmp_path / "s.csv")[XYZ], atol=0.01)
     assert np.abs(predicted[E].to_numpy()).max() < 0.05
