@@ -153,14 +153,14 @@ def read_part(table: Table, plan: Plan, machine: Machine, units: SurveyUnits, me
 
 
 def _is_empty(column: pd.Series[Any]) -> Mask:
-    empty = column.str.strip() == "" if isinstance(column.dtype, pd.StringDtype) else column.isna()
+    empty = column.isna() if pd.api.types.is_numeric_dtype(column) else column.str.strip() == ""
     return empty.to_numpy(dtype=bool)
 
 
 def _numbers(offences: _Offences, name: str) -> tuple[Array, bool]:
     """A column as numbers in the user's unit, and whether it held dates."""
     column = offences.raw[name]
-    if not isinstance(column.dtype, pd.StringDtype):
+    if pd.api.types.is_numeric_dtype(column):
         values, dated = column.to_numpy(dtype=np.float64), False
     else:
         values, bad = as_numbers(column)

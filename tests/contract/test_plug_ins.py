@@ -201,14 +201,16 @@ def test_a_package_of_the_users_brings_a_controller(elsewhere: Path) -> None:
     assert "# shop-table" in reference(elsewhere, "controller", "shop-table").splitlines()
 
 
-def test_the_contract_tests_run_over_what_a_package_brings(elsewhere: Path) -> None:
+def test_the_contract_tests_run_over_what_a_package_brings(elsewhere: Path, pytestconfig: pytest.Config) -> None:
     """A user's own file is held to what the project's own files are held to."""
     words = ("coupling-slip", "thread", "shop-table", "flat-probe", "height-gauge", ".bar")
     files = [*(ROOT / "tests/contract").glob("test_*.py"), *(ROOT / "tests").rglob("test_effects.py")]
     files += (ROOT / "tests").rglob("test_controllers.py")
     chosen = " or ".join(words)
+    warnings = [f"-W{w}" for w in pytestconfig.getoption("pythonwarnings") or ()]  # as this run was told
+    own = ("-n", "0", "-p", "no:cacheprovider", *warnings, "-k", chosen)
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", "-k", chosen, *map(str, files)],
+        [sys.executable, "-m", "pytest", *own, *map(str, files)],
         cwd=ROOT, capture_output=True, text=True, check=False,
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(elsewhere), str(ROOT)])},
     )  # fmt: skip
