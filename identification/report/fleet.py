@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 MOST_VISITS, MOST_COMMON, MOST_FAILURES, MOST_NORMAL = 40, 20, 40, 12  # rows of the tables; CSV and Parquet have all
 MOST_TILES = 5000  # that have a tooltip and a link each; with more machines the map is a picture
 MOST_NAMED = 60  # machines of a type whose tiles have room for their names
+TILE_CHARACTERS = 13  # of a name; of a longer one the end, where names of one type differ
 MOST_LINKS = 6  # parts of a machine
 MOST_NOTES = 40
 
@@ -118,7 +119,15 @@ def _tiles(result: FleetResult) -> list[tuple[str, bool, list[dict[str, str]]]]:
         link = _link(parts[0], result.collected) if len(parts) == 1 else parts[0].rpartition("/")[0] if parts else ""
         failed = f"{row['failed']} of {row['surveys']} surveys failed" if row["failed"] and parts else ""
         said = ". ".join(filter(None, (f"{identity}: {words}", _labels(result, row), failed, str(row["why"]))))
-        tile = {"name": identity, "title": said, "colour": colour, "link": link, "dark": "y" * (colour in DARK)}
+        short = identity if len(identity) <= TILE_CHARACTERS else f"…{identity[1 - TILE_CHARACTERS :]}"
+        tile = {
+            "name": identity,
+            "short": short,
+            "title": said,
+            "colour": colour,
+            "link": link,
+            "dark": "y" * (colour in DARK),
+        }
         by_type.setdefault(str(row["type"]), []).append(tile)
     return [(name, len(own) <= MOST_NAMED, own) for name, own in by_type.items()]
 
