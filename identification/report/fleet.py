@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 MOST_VISITS, MOST_COMMON, MOST_FAILURES, MOST_NORMAL = 40, 20, 40, 12  # rows of the tables; CSV and Parquet have all
 MOST_TILES = 5000  # that have a tooltip and a link each; with more machines the map is a picture
 MOST_NAMED = 60  # machines of a type whose tiles have room for their names
-TILE_CHARACTERS = 13  # of a name; of a longer one the end, where names of one type differ
+TILE_CHARACTERS = 11  # of a name; of a longer one the end, where names of one type differ
 MOST_LINKS = 6  # parts of a machine
 MOST_NOTES = 40
 
