@@ -56,7 +56,7 @@ def _check_size(raw: RawFile) -> None:
         return
     try:
         size = sum(entry.file_size for entry in zipfile.ZipFile(io.BytesIO(raw.data)).infolist())
-    except (zipfile.BadZipFile, ValueError, OSError) as error:
+    except (zipfile.BadZipFile, NotImplementedError, ValueError, OSError) as error:  # or an archive of another kind
         raise InputError(raw.name, f"not a readable spreadsheet: {error}", "Save it again, or as CSV") from error
     if size > LARGEST_UNPACKED:
         raise InputError(raw.name, f"a spreadsheet of {size / 1e6:.0f} MB unpacked", "Save the one sheet as CSV")

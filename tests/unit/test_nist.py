@@ -21,10 +21,11 @@ from tests.helpers.chains import Array
 from tests.helpers.surveys import survey
 
 SETS: dict[str, dict[str, Any]] = json.loads((Path(__file__).parent / "nist_strd.json").read_text())
-# digits that are right of each set's worst coefficient, and of its worst standard deviation; Wampler1 and 2 are exact
+# digits that are right of each set's worst coefficient, and of its worst standard deviation; Wampler1 and 2 are exact.
+# They differ by half a digit between builds of NumPy: of Wampler4's deviations 9.96 digits were right with one of them.
 DIGITS = {
     "Norris": (12, 12), "Pontius": (12, 12), "NoInt1": (13, 13), "NoInt2": (13, 13), "Longley": (10, 11),
-    "Wampler1": (9, 0), "Wampler2": (12, 0), "Wampler3": (9, 10), "Wampler4": (7, 10), "Wampler5": (5, 10),
+    "Wampler1": (9, 0), "Wampler2": (12, 0), "Wampler3": (9, 10), "Wampler4": (7, 9), "Wampler5": (5, 10),
     "Filip": (7, 7),  # of degree ten: its scaled columns are alike to nine digits
 }  # fmt: skip
 

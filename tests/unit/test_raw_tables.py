@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from errormodel.exceptions import InputError
 from errormodel.raw_formats.base import Asked, decoded, format_of, open_raw
 from tests.helpers.raw_files import ENCODINGS, STYLES, Style, read_back, written
+from tests.helpers.raw_samples import spreadsheet
 
 NAMES, UNITS = ("Achse X", "east", "Δ", "flow"), ("mm", "µm", "deg", "°C")
 SOON_S = 5.0  # s of the processor: what a wrong input may take
@@ -204,6 +205,16 @@ def test_large_tables_are_refused_soon(name: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=words):
         read_back(tmp_path, text.encode())
     assert time.process_time() - begun < SOON_S
+
+
+def test_a_spreadsheet_of_an_unknown_kind_of_archive(tmp_path: Path) -> None:
+    data = bytearray(spreadsheet())
+    data[data.index(b"PK\x01\x02") + 6] = 115  # version needed to extract: 11.5
+    path = tmp_path / "s.xlsx"
+    path.write_bytes(data)
+    raw = open_raw(path, path.name)
+    with pytest.raises(InputError, match=r"not a readable spreadsheet: zip file version 11\.5"):
+        format_of(raw).read(raw, Asked())
 
 
 def test_a_spreadsheet_that_unpacks_to_much_more(tmp_path: Path) -> None:
