@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Array, Index
+from errormodel.arrays import Array, Index, Mask
 from errormodel.exceptions import InputError, nearest
 
 if TYPE_CHECKING:
@@ -216,17 +216,23 @@ def assumed_sides(table: pd.DataFrame, joint: str) -> Index:
     (n,) integers: from 1 the number of the series of rows, 0 where a column or a move states the direction, and where
     the joint never moves.
     """
+    run, untold = _codes(table, ["file", "run"]), untold_sides(table, joint)
+    moves = np.isin(run, run[~untold])
+    return np.where(untold & moves, run + 1, 0)
+
+
+def untold_sides(table: pd.DataFrame, joint: str) -> Mask:
+    """Rows (n,) whose direction of approach neither a column nor a move of the joint in their run tells."""
     import pandas as pd
 
     order, moved = _moves(table, joint)
-    run = pd.Series(_codes(table, ["file", "run"])[order])
-    # how it came to a run's first row, the end of the run before does not say
-    moves = moved.reset_index(drop=True).mask(~run.duplicated()).notna()
-    before = moves.groupby(run).transform("any") & ~moves.groupby(run).cummax()
-    result = np.empty(len(table), dtype=np.intp)
-    result[order] = np.where(before, run + 1, 0)
+    run = _codes(table, ["file", "run"])[order]
+    result = np.empty(len(table), dtype=np.bool_)
+    # how a joint came to a run's first row, the end of the run before does not say
+    moves = moved.reset_index(drop=True).mask(~pd.Series(run).duplicated()).notna()
+    result[order] = ~moves.groupby(run).cummax().to_numpy()
     if f"dir_{joint}" in table:
-        result[np.isfinite(table[f"dir_{joint}"].to_numpy(dtype=np.float64))] = 0
+        result &= np.isnan(table[f"dir_{joint}"].to_numpy(dtype=np.float64))
     return result
 
 

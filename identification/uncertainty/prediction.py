@@ -6,6 +6,7 @@ Positions and errors are in mm in the measuring frame, error motions in mm and r
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +22,7 @@ from identification.results.stored_fit import StoredFit
 from identification.uncertainty.lag_history import continued, started_anew
 from identification.uncertainty.measured_range import beyond_notes
 from identification.uncertainty.reading_prediction import predicted_readings, rigid_parts
+from identification.uncertainty.unknown_sides import midway
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -58,19 +60,26 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
 
     labels = _labels(fit, points)
     channels = continued(fit.chain, fit.data.get("history", {}), points.table, fit.chain.columns(points.table))
-    out = np.full((len(points), 9), np.nan)
-    first = next(iter(fit.frames), None)
-    for label in dict.fromkeys(labels):
-        used = label if label in fit.frames else first
-        index = np.flatnonzero(labels == label)
-        for part in np.array_split(index, len(index) // PREDICTION_BLOCK_ROWS + 1):
-            out[part] = _predict_frame(fit, as_rows(*(c[part] for c in channels)), used)
+    out = _predict_rows(fit, channels, labels)
+    out = midway(fit.chain, points.table, channels, labels, out, partial(_predict_rows, fit))
     table = pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)
     if "joint" in points.table:
         table[[*MOTIONS, *MOTION_UNCERTAINTIES]] = _motions(fit, points, channels)
     if points.observations:
         table = table.assign(**predicted_readings(fit, points, _variance))
     return table
+
+
+def _predict_rows(fit: StoredFit, channels: list[Array], labels: Array) -> Array:
+    """Predictions (n, 9) of rows with the frame labels `labels`."""
+    out = np.full((len(labels), 9), np.nan)
+    first = next(iter(fit.frames), None)
+    for label in dict.fromkeys(labels):
+        used = label if label in fit.frames else first
+        index = np.flatnonzero(labels == label)
+        for part in np.array_split(index, len(index) // PREDICTION_BLOCK_ROWS + 1):
+            out[part] = _predict_frame(fit, as_rows(*(c[part] for c in channels)), used)
+    return out
 
 
 def _motions(fit: StoredFit, points: Survey, channels: list[Array]) -> Array:
@@ -110,8 +119,8 @@ def _arrivals(fit: StoredFit, points: Survey) -> Iterator[str]:
         if given is None or given.isna().any():
             yield (
                 f"the side from which {name} arrives is in no column dir_{name} and is taken from the order of the "
-                "rows (for the first from the next move, upward where it never moves). If they are not driven in this "
-                f"order, write dir_{name}: +1 or -1"
+                f"rows; before its first move predictions lie midway between both sides, and half their difference is "
+                f"in the uncertainty. If the rows are not driven in this order, write dir_{name}: +1 or -1"
             )
 
 

@@ -142,6 +142,28 @@ def test_the_side_of_arrival_is_asked_for(tmp_path: Path) -> None:
         assert ("dir_X" in err) == asked
 
 
+def test_before_the_first_move_a_side_is_not_known(tmp_path: Path) -> None:
+    """Midway between what is predicted from either side, and uncertain by half the difference."""
+    machine = _mill_with(tmp_path, "[{effect: backlash, joint: X}]")
+    truth = write(tmp_path / "t.yaml", "parameters: {X.dx.backlash: 0.02}\n")
+    done("simulate", machine, 80, "--noise", 0.001, "--parameters", truth, "--out", tmp_path / "s.csv")
+    done("fit", machine, tmp_path / "s.csv", "--out", tmp_path / "fit")
+    points = pd.read_csv(tmp_path / "s.csv").drop(columns=XYZ).iloc[:4]
+    points["X"] = [*points["X"].iloc[[0, 0, 0]], points["X"].iloc[0] + 50]
+
+    def predicted(table: pd.DataFrame) -> pd.DataFrame:
+        table.to_csv(tmp_path / "p.csv", index=False)
+        done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv")
+        return pd.read_csv(tmp_path / "out.csv")
+
+    untold, up, down = predicted(points), predicted(points.assign(dir_X=1)), predicted(points.assign(dir_X=-1))
+    half = (up[XYZ] - down[XYZ]) / 2
+    assert half["mx"].abs().to_numpy() == pytest.approx(0.01, abs=1e-3)
+    np.testing.assert_allclose(untold[XYZ][:3], (up[XYZ] - half)[:3], atol=1e-9)
+    np.testing.assert_allclose(untold["ux"][:3], np.hypot(up["ux"], half["mx"])[:3], rtol=0.05)
+    np.testing.assert_allclose(untold.iloc[3][XYZ], up.iloc[3][XYZ], atol=1e-9)
+
+
 @pytest.mark.parametrize(
     "blunder",
     [

@@ -1,0 +1,51 @@
+"""Sides of approach that neither a column nor a move of the joint tells: predictions lie midway between both sides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.arrays import Array, Index, as_rows
+from errormodel.chain import Chain
+from errormodel.channels import untold_sides
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SIDE = "dir_"
+
+
+def _untold(chain: Chain, table: pd.DataFrame) -> Iterator[tuple[int, Index]]:
+    """Channels of sides that act in a model: their number, and the rows in which nothing tells the side."""
+    for number, name in enumerate(chain.channels):
+        if name.startswith(SIDE) and len(rows := np.flatnonzero(untold_sides(table, name.removeprefix(SIDE)))):
+            yield number, rows
+
+
+def midway(
+    chain: Chain,
+    table: pd.DataFrame,
+    channels: list[Array],
+    labels: Array,
+    predicted: Array,
+    predict: Callable[[list[Array], Array], Array],
+) -> Array:
+    """Predictions (n, 9) of which those from an untold side are the mean of both, half their difference uncertain.
+
+    Parameters
+    ----------
+    channels : each (n,), as assumed; `labels` (n,): of the rows' frames.
+    predicted : (n, 9)
+        Position, error and standard uncertainty in mm with the sides that were assumed.
+    predict : such predictions of other rows, from their channels and labels.
+    """
+    out = predicted.copy()
+    for number, rows in _untold(chain, table):
+        other = [c[rows] for c in channels]
+        other[number] = -other[number]
+        half = (predict(as_rows(*other), labels[rows])[:, :6] - predicted[rows, :6]) / 2
+        out[rows, :6] += half
+        out[rows, 6:] = np.hypot(out[rows, 6:], half[:, 3:])
+    return out
