@@ -241,7 +241,8 @@ def test_a_machine_with_an_effect_goes_all_the_way(tmp_path: Path) -> None:
     done("predict", tmp_path / "fit", tmp_path / "s.csv", "--out", tmp_path / "p.csv")
     predicted, measured = (pd.read_csv(tmp_path / name)[XYZ] for name in ("p.csv", "s.csv"))
     np.testing.assert_allclose(predicted[1:], measured[1:], atol=1e-6)
-    assert abs(predicted["mx"][0] - measured["mx"][0]) == pytest.approx(0.015, abs=1e-6)  # from which side, nothing tells
+    # from which side the first row came, nothing tells
+    assert abs(predicted["mx"][0] - measured["mx"][0]) == pytest.approx(0.015, abs=1e-6)
 
 
 def test_one_component_is_enough_for_what_it_sees(mill: Path, tmp_path: Path) -> None:
