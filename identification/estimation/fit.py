@@ -13,6 +13,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
+from errormodel.conventions import ROTATIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
@@ -38,6 +39,7 @@ from identification.runtime.blas import one_blas_thread
 
 # Consecutive rows left out together in large surveys, a tenth of the rows in small ones; by judgement
 HELDOUT_BLOCK_ROWS = 600
+SECOND_ORDER_SIGMA = 3.0  # standard uncertainties of second order that are said; by judgement
 SMALL_STEP = 1e-3  # of a step, for its derivative: errors of second order and of rounding are far below any noise
 
 
@@ -291,6 +293,28 @@ def placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
     return replace(problem, views=tuple(views))
 
 
+def second_order(solution: Solution) -> list[str]:
+    """A note where groups, which are sums of parameters to first order, are known better than that order is.
+
+    A rotation that is in the group of another turns all errors between the two.
+    """
+    base = solution.groups.base
+    names, values = [solution.unknowns[k] for k in base], np.abs(solution.values[base])
+    std = np.sqrt(np.diag(solution.covariance))
+    turns = np.array([n.rpartition(".")[2] in ROTATIONS for n in names], dtype=bool)  # of frames and members, rad
+    angle = values[turns].max(initial=0.0)
+    off = np.divide(angle * values, std, out=np.zeros_like(std), where=std > 0)
+    if not len(off) or off.max() < SECOND_ORDER_SIGMA:
+        return []
+    worst = int(off.argmax())
+    return [
+        f"rotations of {1e3 * angle:.2g} mrad turn other errors by more than their standard uncertainties, and groups "
+        f"are sums of parameters to first order only: {names[worst]} may differ from such a sum by {off[worst]:.0f} of "
+        "its own, others likewise. Correct the largest errors of the machine, or its dimensions in machine.yaml, and "
+        "measure again"
+    ]
+
+
 def fit_notes(survey: Survey, solution: Solution, noise: Noise | None, longest: int) -> tuple[str, ...]:
     """Notes for the user on correlated noise, divergence and convergence."""
     notes = list(survey.notes)
@@ -312,6 +336,7 @@ def fit_notes(survey: Survey, solution: Solution, noise: Noise | None, longest: 
             f"{1e3 * solution.within:.2g} mm a metre of the machine, which changes nothing that was seen. Measure "
             "where the joints have not been (`errormodel plan`), or declare fewer errors in machine.yaml"
         )
+    notes += second_order(solution)
     if not solution.converged:
         notes.append(
             "the iteration has not settled: errors are too large for this model, or rows contradict each other"

@@ -189,3 +189,18 @@ def test_fifty_readings_at_one_pose_test_nothing(digits: int, tmp_path: Path) ->
     assert "the model and the noise explain" not in said
     assert "Nothing could be tested" in (tmp_path / "d/report.html").read_text(encoding="utf-8")
     done("explain", tmp_path / "d")
+
+
+@pytest.mark.parametrize(("angle", "said"), [(3e-3, True), (3e-5, False)])
+def test_errors_so_large_that_first_order_is_not_enough(angle: float, said: bool, tmp_path: Path) -> None:
+    """Groups are sums of parameters to first order: what a rotation makes of the others is said where it shows."""
+    write(tmp_path / "m.yaml", mill())
+    truth = {"saddle.ec": angle, "column.ea": -angle, "column.dz": 500 * angle, "X.dx.1": angle, "Y.ec.1": angle / 500}
+    write(tmp_path / "t.yaml", f"parameters: {json.dumps(truth)}\n")
+    done(
+        "simulate", tmp_path / "m.yaml", 80, "--parameters", tmp_path / "t.yaml", "--noise", 1e-4,
+        "--out", tmp_path / "s.csv",
+    )  # fmt: skip
+    notes = json.loads((tmp_path / "fit/fit.json").read_text())["notes"] if not fit(tmp_path).code else None
+    assert notes is not None
+    assert any("to first order only" in note for note in notes) == said
