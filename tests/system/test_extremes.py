@@ -204,3 +204,12 @@ def test_errors_so_large_that_first_order_is_not_enough(angle: float, said: bool
     notes = json.loads((tmp_path / "fit/fit.json").read_text())["notes"] if not fit(tmp_path).code else None
     assert notes is not None
     assert any("to first order only" in note for note in notes) == said
+
+
+@pytest.mark.parametrize(("far", "cured"), [(9e4, True), (9e6, False)])
+def test_a_robust_fit_is_recommended_where_it_works(far: float, cured: bool, tmp_path: Path) -> None:
+    table = recorded(tmp_path, mill(), 60, 0.001)
+    table.loc[3, "my"] += far
+    table.to_csv(tmp_path / "s.csv", index=False)
+    assert ("--robust" in fit(tmp_path).err) == cured
+    assert fit(tmp_path, "--robust").code == 0 or not cured

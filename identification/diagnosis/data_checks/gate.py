@@ -34,6 +34,7 @@ from identification.estimation.result import Fit
 from identification.observation.frames import MACHINE_ERROR_SHARE
 
 EXPLAINED = 0.01  # of the nominal error: a fit that leaves less has found it, if its errors are of a machine's size
+ROBUST_SIZES = 1000.0  # of the machine, up to which a robust fit finds its way beside a wild row: tried
 LARGE = 0.05  # rad or 1: error motions of a joint that a machine never has
 
 
@@ -132,12 +133,15 @@ def _refuse_wild(chain: Chain, survey: Survey) -> None:
         if not len(wild):
             continue
         numbers = survey.table["row"].to_numpy()[rows[wild]].tolist()
+        cure = "Leave mx my mz empty in these rows"
+        if distance[wild].max() < ROBUST_SIZES * chain.size:
+            cure += ", or fit with --robust, which weighs rows by how far they lie"
         some = f"rows {listed(numbers)} lie" if len(numbers) > 1 else f"row {numbers[0]} lies"
         raise InputError(
             f"{survey.table['file'].iloc[rows[0]]}, columns {' '.join(MEASURED)}",
             f"{some} up to {distance[wild].max():.3g} mm from where the other {len(points) - len(wild)} rows put "
             "the nominal machine",
-            "Leave mx my mz empty in these rows, or fit with --robust, which weighs rows by how far they lie",
+            cure,
         )
 
 
