@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from identification.diagnosis.data_checks.blunder import Blunder, listed, misses
 from identification.diagnosis.data_checks.checks import MOST_BLUNDERS, find_blunders, without
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
 from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
-from identification.diagnosis.data_checks.outliers import gross_rows
+from identification.diagnosis.data_checks.outliers import gross_rows, masked_rows
 from identification.diagnosis.data_checks.runs_of_motions import (
     compared_runs,
     lost_zero,
@@ -194,10 +195,10 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     return Diagnosed(diagnosis, baseline, final, model, found.ranking, log=log)
 
 
-def _try(machine: Machine, survey: Survey) -> Fit | None:
+def _try(machine: Machine, survey: Survey, robust: bool = False) -> Fit | None:
     """The fit to a survey with a mistake in it, which need not be possible."""
     try:
-        return fit_machine(machine, survey)
+        return fit_machine(machine, survey, robust)
     except (InputError, np.linalg.LinAlgError):
         return None
 
@@ -209,6 +210,8 @@ def _without_outliers(
     bad = np.zeros(len(fit.survey), dtype=bool)
     for _ in range(times):  # gross rows hide smaller ones
         more = gross_rows(fit, log) & ~bad
+        if not more.any():
+            more = masked_rows(fit, partial(_try, machine, survey, robust=True), log) & ~bad
         if not more.any():
             break
         bad |= more

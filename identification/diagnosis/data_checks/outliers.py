@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from errormodel.arrays import Array, Mask
@@ -26,6 +28,17 @@ def gross_rows(fit: Fit, log: DecisionLog = UNRECORDED) -> Mask:
             own = np.where(names == label, fit.readings.fitted, np.nan)
             gross |= _gross(fit, own[:, None], log)
     return gross
+
+
+def masked_rows(fit: Fit, robust: Callable[[], Fit | None], log: DecisionLog = UNRECORDED) -> Mask:
+    """Mask (n,) of gross rows that pull the fit so far that none stands out: those far from a `robust` fit.
+
+    It is asked for where one row holds a share of all squared residuals that only accidents have.
+    """
+    square = np.nansum(np.square(fit.residuals), axis=1)
+    if not square.max(initial=0.0) > MOST * square.sum() or (other := robust()) is None or other.sorting is None:
+        return np.zeros(len(square), dtype=bool)
+    return _gross(other, other.sorting.residuals, log)
 
 
 def _gross(fit: Fit, residuals: Array, log: DecisionLog) -> Mask:

@@ -1,0 +1,61 @@
+"""Gross rows that pull a least-squares fit of few rows so far that none of them stands out."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from errormodel import Machine, Survey, read_machine, read_survey
+from identification.diagnosis.data_checks.outliers import gross_rows, masked_rows
+from identification.estimation.fit import Fit, fit_machine
+from tests.helpers.commands import XYZ, write
+
+NOISE = 0.003  # mm
+MACHINE = """\
+errormodel: 1
+chain:
+  - {joint: X, type: prismatic, axis: x, travel: [-300, 300]}
+  - {shape: a}
+  - {joint: Y, type: prismatic, axis: y, travel: [-200, 200]}
+  - {shape: b}
+  - {joint: Z, type: prismatic, axis: z, travel: [-200, 200]}
+tool: [0, 0, -150]
+errors: {shapes: all, joints: {X: {polynomial: 3}, Y: {polynomial: 3}, Z: {polynomial: 3}}}
+"""
+
+
+def recorded(place: Path, seed: int, broken: list[int]) -> tuple[Machine, Survey]:
+    rng = np.random.default_rng(seed)
+    commands = (rng.random((60, 3)) - 0.5) * [600, 400, 400]
+    noise = NOISE * rng.standard_normal(commands.shape)
+    noise[broken] += 100 * NOISE * rng.standard_normal((len(broken), 3))
+    table = np.hstack([commands, commands + np.array([0, 0, -150]) + noise])
+    pd.DataFrame(table, columns=["X", "Y", "Z", *XYZ]).to_csv(place / "s.csv", index=False)
+    machine = read_machine(write(place / "m.yaml", MACHINE))
+    return machine, read_survey(place / "s.csv", machine)
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_rows_that_hide_one_another_are_found(seed: int, tmp_path: Path) -> None:
+    broken = [4, 17, 30]
+    machine, survey = recorded(tmp_path, seed, broken)
+    fit = fit_machine(machine, survey)
+    assert not gross_rows(fit).any()
+    found = masked_rows(fit, partial(fit_machine, machine, survey, robust=True))
+    assert np.flatnonzero(found).tolist() == broken
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_sound_rows_are_left_alone(seed: int, tmp_path: Path) -> None:
+    machine, survey = recorded(tmp_path, seed, [])
+    asked: list[Fit] = []
+
+    def robust() -> Fit:
+        asked.append(fit_machine(machine, survey, robust=True))
+        return asked[-1]
+
+    assert not masked_rows(fit_machine(machine, survey), robust).any()
