@@ -34,7 +34,7 @@ def dwells_of(points: Array, source: SourceFile, commands: SourceFile | None, ch
         return None
     if commands is None:
         return dwells if _stand(dwells, source, chain.machine).all() else None
-    if float(np.linalg.norm(np.ptp(_path(commands, chain), axis=0))) < ONE_PLACE:
+    if commands.rows > 1 and float(np.linalg.norm(np.ptp(_path(commands, chain), axis=0))) < ONE_PLACE:
         return None  # the ball of an R-test, at which the target stays all the time
     seen = int(np.isfinite(points).any(axis=1).sum())
     if commands.rows == seen:

@@ -136,3 +136,12 @@ def test_a_list_in_the_order_of_its_names_is_joined_by_its_times(tmp_path: Path)
     columns = {"mx": seen[:, 0], "my": seen[:, 1], "mz": seen[:, 2], "time": when[order] + 100.0}
     result = import_survey(written(tmp_path, columns), MILL, commands=tmp_path / "plan.csv", match="time")
     np.testing.assert_array_equal(result.survey.table[["X", "Y", "Z"]], told.iloc[order])
+
+
+def test_many_readings_of_one_command_are_a_dwell(tmp_path: Path) -> None:
+    """One command is no R-test, of which many are at one place."""
+    told = poses(rows=1)
+    told.to_csv(tmp_path / "plan.csv", index=False)
+    seen = points(pd.concat([told] * 30, ignore_index=True))
+    file = written(tmp_path, {"mx": seen[:, 0], "my": seen[:, 1], "mz": seen[:, 2]})
+    assert len(import_survey(file, MILL, commands=tmp_path / "plan.csv").survey) == 1
