@@ -77,6 +77,8 @@ class Observation(FileModel, ABC):
     anywhere : whether the set-up allows readings at any pose; else the poses are bound to a circle, a line, a face.
     point : names of three quantities that are a point of the measuring frame where they are known; empty: none.
     trace : kind of raw trace that holds its readings, such as ``circle``; empty: none.
+    along_line : whether it reads, along the way of a joint, displacements v_x .. across a line u_x .. with a `slope`,
+        or angles about u_x ..: quantities of these names.
     example : keys of an example, besides ``type``.
     source : where the model is from.
     sees : what it shows and what not, in a sentence.
@@ -87,6 +89,7 @@ class Observation(FileModel, ABC):
     anywhere: ClassVar[bool] = True
     point: ClassVar[tuple[str, ...]] = ()
     trace: ClassVar[str] = ""
+    along_line: ClassVar[bool] = False
     example: ClassVar[dict[str, Any]] = {}
     source: ClassVar[str] = ""
     sees: ClassVar[str] = ""

@@ -20,6 +20,7 @@ class LineAngle(Observation):
 
     type: Literal["line-angle"] = "line-angle"
     reading: ClassVar[Reading] = "angle"
+    along_line: ClassVar[bool] = True
     example: ClassVar[dict[str, Any]] = {"axis": [0.0, 1.0, 0.0]}
     source: ClassVar[str] = "ISO 230-1:2012, 8.4: angular error motions of linear axes"
     sees: ClassVar[str] = "rotations that change along the way, all joints together; no displacement, no constant angle"

@@ -23,6 +23,7 @@ class LineStraightness(Observation):
 
     type: Literal["line-straightness"] = "line-straightness"
     anywhere: ClassVar[bool] = False
+    along_line: ClassVar[bool] = True
     example: ClassVar[dict[str, Any]] = {"along": [1.0, 0.0, 0.0], "across": [0.0, 0.0, 1.0]}
     source: ClassVar[str] = "ISO 230-1:2012, 8.2: straightness of the motion of a functional point"
     sees: ClassVar[str] = (

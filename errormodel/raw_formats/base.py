@@ -179,6 +179,7 @@ class RawFormat(ABC):
     seen : whether it was tried on a public recording; else it is written to its description only.
     fallback : read by it what no other format recognises.
     bare : its files may hold anything, so that columns without names may be commands.
+    of_pairs : of nominal and actual of a joint: where lengths or commands are wanted, the same table may hold these.
     columns : words by which ``columns:`` and ``units:`` may name its own columns, beside those of a survey.
     uses : what of `Asked` it reads, beside machine, dates and units: ``joint``, ``offsets``, ``at``, ``dialect``.
     """
@@ -189,6 +190,7 @@ class RawFormat(ABC):
     seen: ClassVar[bool] = False
     fallback: ClassVar[bool] = False
     bare: ClassVar[bool] = False
+    of_pairs: ClassVar[bool] = False
     columns: ClassVar[tuple[str, ...]] = ()
     uses: ClassVar[tuple[str, ...]] = ()
 
@@ -261,8 +263,8 @@ def open_raw(path: Path, name: str) -> RawFile:
     return raw
 
 
-def format_of(raw: RawFile, asked: str = "") -> type[RawFormat]:
-    """The format of a file: the one that is asked for, or the one that recognises it.
+def format_of(raw: RawFile, asked: str = "", plain: bool = False) -> type[RawFormat]:
+    """The format of a file: the one that is asked for, or the one that recognises it; `plain`: of tables of anything.
 
     Raises
     ------
@@ -274,7 +276,7 @@ def format_of(raw: RawFile, asked: str = "") -> type[RawFormat]:
         if asked not in known:
             raise InputError(f"{raw.name}, format", f"'{asked}'", nearest(asked, known))
         return known[asked]
-    own = [kind for kind in known.values() if not kind.fallback and kind.recognises(raw)]
+    own = [kind for kind in known.values() if not (plain or kind.fallback) and kind.recognises(raw)]
     own = own or [kind for kind in known.values() if kind.fallback and kind.recognises(raw)]
     if len(own) == 1:
         return own[0]

@@ -9,10 +9,15 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 
-_PLUS = frozenset(("+", "+1", "1", "1.0", "forward", "fwd", "positive", "pos", "up", "f"))
-_MINUS = frozenset(
-    ("-", "-1", "-1.0", "\u2013", "\u2212", "backward", "reverse", "rev", "bwd", "negative", "neg", "down", "b", "r")
-)
+_PLUS = frozenset((
+    "+", "+1", "1", "1.0", "forward", "forwards", "fwd", "positive", "pos", "up", "f", "\u2191", "\u2192", "plus",
+    "vor", "vorw\u00e4rts", "vorwaerts", "vw", "v", "hin", "aller", "andata",
+))  # fmt: skip
+_MINUS = frozenset((
+    "-", "-1", "-1.0", "\u2013", "\u2212", "backward", "backwards", "reverse", "rev", "bwd", "back", "negative", "neg",
+    "down", "b", "r", "\u2193", "\u2190", "minus", "zur\u00fcck", "zurueck", "zur", "z", "r\u00fcck", "rueck",
+    "r\u00fcckw\u00e4rts", "rueckwaerts", "rw", "her", "retour", "ritorno",
+))  # fmt: skip
 _TURNS = {
     **dict.fromkeys(
         ("ccw", "counterclockwise", "anticlockwise", "acw", "g3", "g03", "guzs", "gegenuhrzeigersinn"), 1.0
@@ -29,6 +34,12 @@ def turning(cells: Iterable[object]) -> Array | None:
     return None if not len(out) or np.isnan(out).any() else out
 
 
+def side_of(word: str) -> float | None:
+    """1 or -1 as in `sides`; None for a word that says neither."""
+    word = word.strip().lower()
+    return 1.0 if word in _PLUS else -1.0 if word in _MINUS else None
+
+
 def sides(cells: Iterable[object], where: Callable[[int], str]) -> Array:
     """1 for a joint that arrives from smaller positions, -1 from larger ones, (n,).
 
@@ -42,7 +53,7 @@ def sides(cells: Iterable[object], where: Callable[[int], str]) -> Array:
         A cell is neither.
     """
     words = [str(c).strip().lower() for c in cells]
-    out = np.array([1.0 if w in _PLUS else -1.0 if w in _MINUS else np.nan for w in words])
+    out = np.array([np.nan if (side := side_of(w)) is None else side for w in words])
     if np.isnan(out).any():
         row = int(np.argmax(np.isnan(out)))
         found = f"'{words[row]}' as a direction"

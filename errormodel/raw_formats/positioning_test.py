@@ -15,25 +15,35 @@ from errormodel.raw_formats.table_columns import columns_of, numbers
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.units import Quantity, is_unit, to_internal
 
-_TARGET = re.compile(r"target(position|pos|no)?|nominal(position)?|setpoint|soll(wert|position)?|ziel(wert|position)?")
-_ACTUAL = re.compile(r"(actual|measured|read|ist)?(position|pos)|actual|measured|reading|ist(wert)?|messwert")
+TARGET = re.compile(
+    r"target(position|pos|no)?|nominale?(position)?|setpoint|soll(wert|position|pos)?|ziel(wert|position)?|vorgabe|"
+    r"consigne|th\u00e9orique|theorique|teorico|teorica|theoretical",
+    re.IGNORECASE,
+)
+_ACTUAL = re.compile(
+    r"(actual|measured|read|ist|mess)?(position|pos)|actual|measured|reading|ist(wert)?|messwert|gemessen|"
+    r"mesur(e|\u00e9e?)|misurat[oa]|misura|reale"
+)
 _DEVIATION = re.compile(r"(position(s|ier)?)?(deviation|error|dev|abweichung)")
 _CYCLE = re.compile(r"cycle|run|pass|series|repeat|lauf|zyklus|serie|messlauf")
 _SIDE = re.compile(r"dir(ection)?|approach|side|(anfahr)?richtung")
+_COUNTED = re.compile(r"no|nr|i|number|n|index|#|punkt|point", re.IGNORECASE)
+_CLOCK = re.compile(r"(time|zeit|date|datum|temps|ora|heure)[\s_]?(stamp)?.*")
 _UNIT = re.compile(r"_(mm|um|inch|deg|arcsec|urad|rad)$")
 
 
 def _places(names: list[str]) -> dict[str, str]:
-    """Columns of a positioning test by what they hold."""
+    """Columns of a positioning test by what they hold; the letter of the axis may stand before or behind a word."""
     out: dict[str, str] = {}
     for name in names:
-        bare = re.sub(r"[\s_.]+", "", _UNIT.sub("", name.lower()))
-        for what, pattern in (("target", _TARGET), ("cycle", _CYCLE), ("side", _SIDE), ("deviation", _DEVIATION)):
-            if what not in out and pattern.fullmatch(bare):
+        bare = re.sub(r"[\s_.\-]+", "", _UNIT.sub("", name.lower()))
+        forms = {bare, re.sub(r"^[xyzuvwabc](?=..)", "", bare), re.sub(r"(?<=..)[xyzuvwabc]$", "", bare)}
+        for what, pattern in (("target", TARGET), ("cycle", _CYCLE), ("side", _SIDE), ("deviation", _DEVIATION)):
+            if what not in out and any(map(pattern.fullmatch, forms)):
                 out[what] = name
                 break
         else:
-            if "actual" not in out and _ACTUAL.fullmatch(bare):
+            if "actual" not in out and any(map(_ACTUAL.fullmatch, forms)):
                 out["actual"] = name
     if "target" not in out and "deviation" in out and "actual" in out:  # positions beside their deviations
         out["target"] = out.pop("actual")
@@ -48,6 +58,7 @@ class PositioningTest(RawFormat):
     source = "ISO 230-2, table of measured deviations; names of columns as laboratories write them"
     seen = True
     uses = ("joint",)
+    of_pairs = True
     columns = ("target", "actual", "deviation", "run", "cycle", "direction")
 
     @classmethod
@@ -56,9 +67,14 @@ class PositioningTest(RawFormat):
         if table is None or not table.named:
             return False
         found = _places([*table.names])
-        return (
-            "target" in found and {*found} & {"actual", "deviation"} != set() and {*found} & {"cycle", "side"} != set()
-        )
+        if "target" not in found or not {*found} & {"actual", "deviation"}:
+            return False
+        # nominal and actual alone: of one axis, if nothing else was measured or commanded
+        rest = [n for k, n in enumerate(table.names) if table.numeric(k) and n not in found.values()]
+        rest = [n for n in rest if not _COUNTED.fullmatch(n.strip())]
+        alone = TARGET.search(found["target"]) is not None and "actual" in found and not rest
+        alone &= not any(map(_CLOCK.fullmatch, map(str.lower, table.names)))  # a log, and what the controller read back
+        return alone or bool({*found} & {"cycle", "side"})
 
     @classmethod
     def read(cls, raw: RawFile, asked: Asked) -> Recording:
@@ -66,7 +82,7 @@ class PositioningTest(RawFormat):
         found = _places([str(n) for n in table.frame])
         frame = table.frame
         unit = unit_word(asked.units.get("target", table.units.get(found["target"], "mm")))
-        joint = joint_for(raw.name, asked, "", rotary=is_unit(unit, "angle"))
+        joint = joint_for(raw.name, asked, axis_in(found["target"]), rotary=is_unit(unit, "angle"))
         usual = "deg" if joint.type == "rotary" else "mm"
         quantity: Quantity = "angle" if joint.type == "rotary" else "length"
         target = numbers(table, found["target"], raw.name)
@@ -86,12 +102,34 @@ class PositioningTest(RawFormat):
         if "side" in found:
             name = found["side"]
             side = sides(frame[name], lambda row: f"{raw.name}, line {table.lines[row]}, column {name}")
-        run = (
-            [f"{c:g}" if isinstance(c, float) else str(c) for c in frame[found["cycle"]]]
-            if "cycle" in found
-            else ["1"] * len(frame)
-        )
+        notes = [f"readings of {joint.name} along its axis"]
+        run = ["1"] * len(frame)
+        if "cycle" in found:
+            run = [f"{c:g}" if isinstance(c, float) else str(c) for c in frame[found["cycle"]]]
+        elif "side" not in found:
+            run, side = _passes(target)
+            notes.append(f"{found['target']}: nominal; {found['actual']}: measured; runs and sides by their order")
         position = to_internal(target, unit, quantity)
         rows = motion_rows(joint, np.degrees(position) if usual == "deg" else position, reading, own, run, side)
         units = {joint.name: usual} | {name: unit_of(name) for name in MOTIONS if name in rows}
-        return Recording(rows, units, table.lines, (*table.notes, f"readings of {joint.name} along its axis"))
+        return Recording(rows, units, table.lines, (*table.notes, *notes))
+
+
+def axis_in(name: str) -> str:
+    """The letter of an axis in a column's name, such as ``X soll``; empty where there is none."""
+    letters = [word.upper() for word in re.split(r"[\s_.\-\[\]()/]+", name) if re.fullmatch(r"[A-Za-z]\d?", word)]
+    return letters[0] if len(letters) == 1 else ""
+
+
+def _passes(target: np.ndarray) -> tuple[list[str], np.ndarray]:
+    """Runs and sides of arrival of targets in the order of measuring: a pass is as far as they go one way."""
+    step = np.sign(np.diff(target, prepend=np.nan))
+    step[0] = next((s for s in step[1:] if s != 0), np.nan)
+    for k in range(1, len(step)):  # the same target again: from the other side, where the way goes back behind it
+        if step[k] == 0:
+            step[k] = next((s for s in step[k + 1 :] if s != 0), step[k - 1])
+    count, runs = {1.0: 0, -1.0: 0}, []
+    for k, side in enumerate(step):
+        count[side] = count.get(side, 0) + (k == 0 or side != step[k - 1])
+        runs.append(str(max(count[side], 1)))
+    return runs, step

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
 from errormodel.raw_formats.layout import Layout
+from errormodel.raw_formats.positioning_runs import runs_in
 from errormodel.raw_formats.table_columns import columns_of, renamed, table_of_text
 
 HEADS = ("collection", "group", "point")
@@ -32,7 +33,7 @@ class TrackerPoints(RawFormat):
         width = len(table.names)
         if width not in range(3, 4 + len(HEADS)) or not all(table.numeric(k) for k in range(width - 3, width)):
             return False
-        return all(_is_label(table, k) for k in range(width - 3))
+        return all(_is_label(table, k) for k in range(width - 3)) and runs_in(table) is None
 
     @classmethod
     def read(cls, raw: RawFile, asked: Asked) -> Recording:

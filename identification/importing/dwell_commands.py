@@ -6,6 +6,8 @@ poses are readings, each with its own command.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from errormodel.arrays import Array, Index
@@ -15,6 +17,7 @@ from identification.importing.dwells import Dwells, find_dwells
 from identification.importing.geometry import Nominal
 from identification.importing.sources import SourceFile
 
+ONE_PLACE = 1.0  # mm that commands reach: of an R-test on one ball they differ by the rounding of the axes only
 STAYS = 1e-4  # of a joint's travel: so far may it move within a dwell, as it was read back; by judgement
 
 
@@ -31,6 +34,8 @@ def dwells_of(points: Array, source: SourceFile, commands: SourceFile | None, ch
         return None
     if commands is None:
         return dwells if _stand(dwells, source, chain.machine).all() else None
+    if commands.rows > 1 and float(np.linalg.norm(np.ptp(_path(commands, chain), axis=0))) < ONE_PLACE:
+        return None  # the ball of an R-test, at which the target stays all the time
     seen = int(np.isfinite(points).any(axis=1).sum())
     if commands.rows == seen:
         return dwells_of_logs(dwells, commands, chain)
@@ -70,6 +75,14 @@ def rests_of(commands: SourceFile, chain: Chain) -> Index | None:
     if (moved > STAYS * np.ptp(joints, axis=0).max()).any():
         return None
     return np.asarray((rests.first + rests.last) // 2)
+
+
+def at_rows(commands: SourceFile, rows: Index) -> SourceFile:
+    """A file of commands with some of its rows only."""
+    recording = commands.recording
+    lines = tuple(recording.lines[k] for k in rows) if recording.lines else ()
+    frame = recording.frame.iloc[rows].reset_index(drop=True)
+    return replace(commands, recording=replace(recording, frame=frame, lines=lines, again=()))
 
 
 def _path(commands: SourceFile, chain: Chain) -> Array:

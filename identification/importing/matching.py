@@ -9,8 +9,19 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 from errormodel.exceptions import InputError
+from identification.importing.clock_jumps import (
+    FEWEST,
+    INSIDE,
+    SHARE,
+    STEPS,
+    listed_jump,
+    refuse_backwards,
+    refuse_jump,
+    speeds_part,
+)
 from identification.observation.frames import align
 
+OVERLAP = 0.3  # of the shorter of two logs must lie within the other
 NAMED = 0.5  # of the measured points must have a name that a command has, for the names to count
 DENSE = 4.0  # commands a reading, from which on they are a log of the way and no list of poses
 GRID = 200_000  # most instants at which two recordings are compared
@@ -93,8 +104,9 @@ def _misfit(nominal: Array, measured: Array) -> float:
 
 
 def by_time(
-    path: Array, command_times: Array, points: Array, when: Array, middle: Array, *, same_clock: bool, name: str
-) -> Matched:
+    path: Array, command_times: Array, points: Array, when: Array, middle: Array, *, same_clock: bool, name: str,
+    measured: str = "the measured file",
+) -> Matched:  # fmt: skip
     """The command that was in force in the middle of each reading, after the offset of the clocks.
 
     Parameters
@@ -105,19 +117,22 @@ def by_time(
     when : (n,) s, their times.
     middle : (k,) s, of the readings.
     same_clock : whether both have dates; their offset is then looked for all the same.
-    name : of the commands' file, for messages.
+    name : of the commands' file, for messages; `measured`: of the other.
 
     Raises
     ------
     InputError
-        Times are missing or not in order, or no offset brings the recordings together.
+        Times are missing or not in order, a clock was set on the way, or no offset brings the recordings together.
     """
+    refuse_backwards(command_times, name)
     if np.isnan(command_times).any() or (np.diff(command_times) < 0).any():
         row = int(np.argmax(np.isnan(command_times) | (np.diff(command_times, prepend=command_times[0]) < 0)))
         raise InputError(
             f"{name}, row {row + 1}", "a time that is missing or earlier than the one before", "Join by order"
         )
     if len(command_times) > DENSE * len(middle):
+        refuse_backwards(when, measured)
+        _refuse_two_offsets(path, command_times, points, when, measured, name)
         offset = speed_offset(path, command_times, points, when)
         if offset is None:
             raise InputError(name, "its motions and those measured do not resemble each other in time", "Join by order")
@@ -132,7 +147,38 @@ def by_time(
         offset = _listed_offset(command_times, middle)
         nearest = np.abs((middle - offset)[:, None] - command_times).argmin(axis=1)
         far = np.abs(middle - offset - command_times[nearest]) > NEAR_IN_TIME * gap
-    return Matched(np.where(far, -1, nearest), "time", offset)
+    command = np.where(far, -1, nearest)
+    if far.sum() >= FEWEST:  # a list in another order, such as that of its names, joins as well
+        refuse_backwards(when, measured)
+    jump = listed_jump(command_times, middle, command, offset)
+    if jump is not None:
+        row = int(np.argmin(np.abs(when - middle[jump[0]])))
+        refuse_jump(
+            f"readings of which one offset joins {int((~far).sum())} of {len(far)}", jump[1], row, measured, name
+        )
+    return Matched(command, "time", offset)
+
+
+def _refuse_two_offsets(
+    path: Array, command_times: Array, points: Array, when: Array, measured: str, name: str
+) -> None:
+    """InputError where two offsets, of the first and the last part of a recording, join it far better than one."""
+    good = np.flatnonzero(np.isfinite(points).all(axis=1) & np.isfinite(when))
+    size = len(good) // SHARE
+    if size < SHARE:
+        return
+    parts = (good[:size], good[-size:], good)
+    ends = [_rough_offset(path, command_times, points[part], when[part], INSIDE) for part in parts]
+    if ends[0] is None or ends[1] is None:
+        return
+    (first, step), (last, _) = ends[0], ends[1]
+    if abs(first - last) < STEPS * step:
+        return
+    whole = [*ends[2:], _rough_offset(path, command_times, points, when)]  # of cycles that repeat, one may fit all
+    singles = [first, last, *(found[0] for found in whole if found is not None)]
+    at = speeds_part(path, command_times, points[good], when[good], (first, last), singles)
+    if at is not None:
+        refuse_jump("two logs that no one offset joins", last - first, int(good[at]), measured, name)
 
 
 def _listed_offset(command_times: Array, middle: Array) -> float:
@@ -153,6 +199,21 @@ def speed_offset(path: Array, command_times: Array, points: Array, when: Array) 
     A speed is the same in every frame. The correlation of both gives the offset to an interval of the slower clock, the
     alignment of the interpolated path then to a fraction of it. None where they do not correlate.
     """
+    found = _rough_offset(path, command_times, points, when)
+    if found is None:
+        return None
+    rough, step = found
+    good = np.isfinite(points).all(axis=1) & np.isfinite(when)
+    return _refined(path, command_times, points[good], when[good], rough, 2 * step)
+
+
+def _rough_offset(
+    path: Array, command_times: Array, points: Array, when: Array, inside: float = OVERLAP
+) -> tuple[float, float] | None:
+    """The offset by the correlation of both speeds, and how near it is, s; None where they do not correlate.
+
+    At least `inside` of the shorter recording lies within the other.
+    """
     from scipy.signal import correlate
 
     good = np.isfinite(points).all(axis=1) & np.isfinite(when)
@@ -166,12 +227,11 @@ def speed_offset(path: Array, command_times: Array, points: Array, when: Array) 
     a, b = one - one.mean(), other - other.mean()
     overlap = correlate(np.ones(len(b)), np.ones(len(a)), mode="full")
     alike = correlate(b, a, mode="full") / (a.std() * b.std())
-    share = np.where(overlap > 0.3 * min(len(a), len(b)), alike / np.maximum(overlap, 1), -1.0)
+    share = np.where(overlap > inside * min(len(a), len(b)), alike / np.maximum(overlap, 1), -1.0)
     at = int(np.argmax(share))
     if share[at] < 0.3:
         return None
-    rough = (at - (len(a) - 1)) * step + float(when[0] - command_times[0])
-    return _refined(path, command_times, points, when, rough, 2 * step)
+    return (at - (len(a) - 1)) * step + float(when[0] - command_times[0]), step
 
 
 def _speed(points: Array, when: Array, step: float) -> Array:

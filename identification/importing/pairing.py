@@ -10,7 +10,7 @@ from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.surveys.columns import MEASURED
-from identification.importing.dwell_commands import dwells_of, rests_of
+from identification.importing.dwell_commands import ONE_PLACE, dwells_of, rests_of
 from identification.importing.dwells import Dwells
 from identification.importing.geometry import Nominal, fitted_targets, turns_tool
 from identification.importing.matching import NAMED, Matched, by_name, by_order, by_time, common_names
@@ -130,7 +130,7 @@ def pair(source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: 
         notes += left_over(source, commands, command, first)
     else:
         every = np.arange(commands.rows)  # no command on the way was to be measured
-        notes += [*left_over(source, commands, command, first, every), *_rest_notes(commands, rests, command)]
+        notes += [*left_over(source, commands, command, first, every), *rest_notes(commands, rests, command)]
     out = Pairs(
         command[kept], first[kept], last[kept], found.how, tuple(notes), len(command), commands.rows, {}, found.offset
     )
@@ -204,7 +204,10 @@ def _match(
         when = source.column("time")
         centre = np.array([np.nanmean(when[a : b + 1]) for a, b in zip(first, last, strict=True)])
         same = source.recording.dated and commands.recording.dated
-        return by_time(path, commands.column("time"), points, when, centre, same_clock=same, name=commands.raw.name)
+        return by_time(
+            path, commands.column("time"), points, when, centre, same_clock=same, name=commands.raw.name,
+            measured=source.raw.name,
+        )  # fmt: skip
     if how in ("auto", "order"):
         found = by_order(len(first), commands.rows, path, middle, commands.recording.again)
         if found is None and rests is not None:
@@ -212,6 +215,17 @@ def _match(
             found = None if found is None else replace(found, command=rests[found.command])
         if found is not None:
             return found
+        if _reach(path) < ONE_PLACE:
+            few, file = (len(first), source) if len(first) < commands.rows else (commands.rows, commands)
+            text = (
+                f"{len(first)} readings and {commands.rows} commands of {commands.raw.name}, all at one place, where "
+            )
+            text += f"only their order or their names can join them; {abs(len(first) - commands.rows)} more or less"
+            cure = (
+                f"See which rows {file.raw.path.name} lacks ({few}), and give a command a reading; or name the poses "
+            )
+            cure += "in both files and join with --match name (--columns point=.., --command-columns point=..)"
+            raise InputError(source.raw.name, text, cure)
         if how == "order":
             text = f"{len(first)} readings and {commands.rows} commands"
             text += "" if rests is None else f", which rest {len(rests)} times"
@@ -220,7 +234,7 @@ def _match(
     return _nearest(source, commands, path, middle, seed, rests)
 
 
-def _rest_notes(commands: SourceFile, rests: Index, command: Index) -> list[str]:
+def rest_notes(commands: SourceFile, rests: Index, command: Index) -> list[str]:
     """That only rests of a log were joined, and which were not measured."""
     idle = np.setdiff1d(rests, command)
     notes = [f"{counted(len(rests), 'rest')} in a log of {commands.rows} commands: readings are taken there"]

@@ -19,11 +19,11 @@ from errormodel.observations import registry
 from errormodel.observations.base import Observation
 from errormodel.surveys.columns import OBSERVATION
 from errormodel.yamlfile import parse, validate
-from identification.importing.dwell_commands import dwells_of_logs
+from identification.importing.dwell_commands import at_rows, dwells_of_logs, rests_of
 from identification.importing.dwells import find_dwells
 from identification.importing.geometry import Nominal
 from identification.importing.matching import NAMED, by_name, by_time, common_names
-from identification.importing.pairing import Pairs, left_over, reading_notes, row_by_row
+from identification.importing.pairing import Pairs, left_over, reading_notes, rest_notes, row_by_row
 from identification.importing.reading_gaps import with_gaps
 from identification.importing.reading_proof import Candidate, Chosen, chosen
 from identification.importing.sources import SourceFile, Wishes
@@ -112,12 +112,16 @@ def pair_readings(
     parts: list[Pairs] = []
     ways: list[Chosen] = []
     notes: list[str] = []
+    rests: Index | None = None
     labels = own_labels(source)
     for label in labels or [""]:
         own_rows = (
             source.recording.frame[OBSERVATION].astype(str).to_numpy() == label if label else np.ones(len(seen), bool)
         )
-        part, way, more = _part(source, commands, chain, wishes, observation, np.flatnonzero(own_rows), label)
+        part, way, more, own_rests = _part(
+            source, commands, chain, wishes, observation, np.flatnonzero(own_rows), label
+        )
+        rests = own_rests if own_rests is not None else rests
         parts.append(part)
         ways.append(way)
         notes += more
@@ -125,7 +129,9 @@ def pair_readings(
     runs = [p.run for p in parts if p.run is not None]
     command = np.concatenate([p.command for p in parts])
     start = np.concatenate(starts) if len(starts) == len(parts) else None
-    notes += left_over(source, commands, command, np.concatenate([p.first for p in parts]), start)
+    every = start if rests is None else np.arange(commands.rows)  # no command on the way was to be measured
+    notes += left_over(source, commands, command, np.concatenate([p.first for p in parts]), every)
+    notes += [] if rests is None else rest_notes(commands, rests, command)
     out = replace(
         parts[0], command=command, first=np.concatenate([p.first for p in parts]),
         last=np.concatenate([p.last for p in parts]), notes=tuple(notes), readings=sum(p.readings for p in parts),
@@ -139,8 +145,8 @@ def pair_readings(
 def _part(
     source: SourceFile, commands: SourceFile, chain: Chain, wishes: Wishes, observation: Observation, rows: Index,
     label: str,
-) -> tuple[Pairs, Chosen, list[str]]:  # fmt: skip
-    """The readings of one observation in a file."""
+) -> tuple[Pairs, Chosen, list[str], Index | None]:  # fmt: skip
+    """The readings of one observation in a file; the rests of the log, where these are their commands."""
     values = source.column(observation.reading)[rows]
     seen = np.flatnonzero(np.isfinite(values))
     if not len(seen):
@@ -155,6 +161,12 @@ def _part(
         dwells = dwells_of_logs(find_dwells(values[:, None]), commands, chain)
         side_by_side = dwells is not None
     first, last = (seen, seen) if dwells is None else (dwells.first, dwells.last)
+    log, rests = commands, None
+    if wishes.dwell and observation.poses == 1 and not side_by_side and not _fits(len(first), expected, 1):
+        rests = rests_of(log, chain)  # readings are taken where a log of the way rests
+    if rests is not None:
+        commands = at_rows(log, rests)
+        expected = commands.rows
     notes = reading_notes(source, dwells, len(values) - len(seen))
     notes = [f"{label}: {note}" if label else note for note in notes]
     means = np.array([np.nanmean(values[a : b + 1]) for a, b in zip(first, last, strict=True)])
@@ -178,12 +190,15 @@ def _part(
         passing = with_gaps(chain, commands, observation, means)
         candidates = [] if passing is None else [passing]
     if not candidates:
-        raise InputError(where, *_counts(len(first), source, commands, observation, dwells is not None))
+        raise InputError(
+            where, *_counts(len(first), source, commands, observation, dwells is not None, rests is not None)
+        )
     found_way = chosen(chain, commands, observation, candidates, means[kept], where)
     best = found_way.way
     a, b = rows[first[kept]][best.skip :], rows[last[kept]][best.skip :]
-    pairs = Pairs(best.command, a, b, best.how, (), len(first), expected, {}, best.offset, best.start, best.run)
-    return pairs, found_way, notes
+    command = best.command if rests is None else rests[best.command]
+    pairs = Pairs(command, a, b, best.how, (), len(first), log.rows, {}, best.offset, best.start, best.run)
+    return pairs, found_way, notes, rests
 
 
 def _fits(count: int, commands: int, poses: int) -> bool:
@@ -191,10 +206,11 @@ def _fits(count: int, commands: int, poses: int) -> bool:
 
 
 def _counts(
-    count: int, source: SourceFile, commands: SourceFile, observation: Observation, dwells: bool
+    count: int, source: SourceFile, commands: SourceFile, observation: Observation, dwells: bool, rests: bool
 ) -> tuple[str, str]:
     """What does not agree where the numbers of readings and commands allow no order."""
-    found = f"{count} {'dwells' if dwells else 'readings'} and {commands.rows} commands{commands.broken_off}"
+    what = "rests in the log of commands" if rests else f"commands{commands.broken_off}"
+    found = f"{count} {'dwells' if dwells else 'readings'} and {commands.rows} {what}"
     if observation.poses > 1:
         found += (
             "; between two poses there are as many readings as commands, one fewer, half as many, or so many passes"
@@ -241,6 +257,7 @@ def _named_or_timed(
         timed = by_time(
             path, commands.column("time"), np.column_stack([readings, 0 * readings, 0 * readings]), when, centre,
             same_clock=source.recording.dated and commands.recording.dated, name=commands.raw.name,
+            measured=source.raw.name,
         )  # fmt: skip
         return Candidate(timed.command, timed.how, offset=timed.offset)
     return None

@@ -32,8 +32,32 @@ _COMMANDED = (
     "demand",
     "soll",
     "programmed",
+    "sollwert",
+    "sollposition",
+    "vorgabe",
+    "consigne",
+    "theorique",
+    "th\u00e9orique",
+    "teorico",
+    "teorica",
+    "theoretical",
+    "nominale",
 )
-_READ = ("act", "actual", "enc", "encoder", "fb", "fbk", "feedback", "read", "readback", "ist", "axispos")
+_READ = (
+    "act",
+    "actual",
+    "enc",
+    "encoder",
+    "fb",
+    "fbk",
+    "feedback",
+    "read",
+    "readback",
+    "ist",
+    "istwert",
+    "istposition",
+    "axispos",
+)
 _AXIS = ("axis", "achse", "joint", "q", "pos", "position", "mcs", "machine", "abs")
 _MEASURED = (
     "meas",
@@ -53,7 +77,21 @@ _MEASURED = (
     "mess",
     "gemessen",
     "trk",
+    "ist",
+    "istwert",
+    "istposition",
+    "messwert",
+    "mesure",
+    "mesur\u00e9",
+    "mesur\u00e9e",
+    "misurato",
+    "misurata",
+    "misura",
 )
+_BESIDE = (  # of a nominal value: measured, or read back where something else was measured
+    "ist", "istwert", "istposition", "act", "actual", "meas", "measured", "messwert", "gemessen", "mesure",
+    "mesur\u00e9", "mesur\u00e9e", "misurato", "misurata", "misura",
+)  # fmt: skip
 _LABELS = {
     "point": r"punkt(name|nr)?|name|point(name|id|no|number|nr)?|label|pt|id|pose(id|no|name)?|no|nr|number|feature",
     "target": r"(target|reflector|reflektor|smr)(name|id|no|nr)?|prism|ball|prisma|kugel|ziel(marke)?",
@@ -233,7 +271,26 @@ def _measured(free: Mapping[str, str], machine: Machine, kind: Kind, there: list
     if all(surveyed.values()) and not joints & {*map(_bare, surveyed.values())}:
         return surveyed
     one = {f"m{k}": free[k] for k in "xyz" if k in free and k not in joints}
+    if kind == "whole":  # nominal and actual of one axis or two, and nothing else that was measured
+        for word in _BESIDE:
+            own = {f"m{k}": next((free[b] for b in (f"{word}{k}", f"{k}{word}") if b in free), "") for k in "xyz"}
+            commanded = all(any(b in free for b in (k, *_around(k, _COMMANDED))) for k in joints if own.get(f"m{k}"))
+            if any(own.values()) and commanded:
+                return {ours: theirs for ours, theirs in own.items() if theirs}
     return one if kind == "measured" else {}
+
+
+def nominal_and_actual(found: Mapping[str, str], machine: Machine) -> str:
+    """What of a table is taken as commanded and what as measured, where words such as soll and ist say it; or empty."""
+    words = {_bare(theirs): theirs for ours, theirs in found.items() if ours in MEASURED}
+    beside = [t for b, t in words.items() if any(b in (f"{w}{k}", f"{k}{w}") for w in _BESIDE for k in "xyz")]
+    joints = [found[j.name] for j in machine.joints if j.name in found]
+    if not beside or not joints:
+        return ""
+    return (
+        f"{', '.join(joints)}: commanded; {', '.join(beside)}: taken as measured. If the controller read them back, "
+        "they are no measurements: import the measured file with this one as --commands"
+    )
 
 
 def _others(free: Mapping[str, str], own: Mapping[str, str]) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -15,7 +15,7 @@ from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.observations import registry
 from errormodel.observations.base import Observation
-from errormodel.raw_formats.base import RawFile, Recording, format_of, open_raw, raw_formats
+from errormodel.raw_formats.base import Asked, RawFile, Recording, format_of, open_raw, raw_formats
 from errormodel.raw_formats.cells import kind_of
 from errormodel.raw_formats.commanded_circle import CommandedCircle
 from errormodel.raw_formats.programme_poses import NO_END
@@ -24,8 +24,9 @@ from errormodel.surveys.columns import MEASURED, quantity_of
 from errormodel.surveys.file import RawEntry
 from errormodel.surveys.raw import LABELS, READ_BACK, is_column, read_raw, with_map
 from errormodel.units import factor, is_unit
-from identification.importing.roles import Kind, commands_by_place, reading_roles, roles, unused
+from identification.importing.roles import Kind, commands_by_place, nominal_and_actual, reading_roles, roles, unused
 
+SHOWN = 6  # words of a format for its columns, in a message
 FOLDER = "raw"  # of a survey, for the files as they came
 
 What = Literal["points", "motions", "readings", "single", "log", "commands"]
@@ -177,6 +178,8 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes, severa
     given = wishes.command_columns if of_commands else wishes.columns
     units = wishes.command_units if of_commands else wishes.units
     form = format_of(raw, asked or _named_by(given, machine))
+    if not asked and form.of_pairs and _no_test(raw, machine, kind, wishes):
+        form = format_of(raw, plain=True)
     words = {ours: theirs for ours, theirs in given.items() if ours in form.columns}
     given = {ours: theirs for ours, theirs in given.items() if ours not in words}
     table = raw.clear_layout
@@ -207,6 +210,8 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes, severa
             "columns": {**words, **found},
         }
     )  # fmt: skip
+    if kind == "whole" and (note := nominal_and_actual(found, machine)):
+        recording = replace(recording, notes=(*recording.notes, note))
     mapped = with_map(recording, entry.model_copy(update={"path": str(path)}), machine)
     if wishes.circle is not None and not of_commands and not recording.trace and not {*MEASURED} & {*mapped.frame}:
         text = f"a circle is stated, and no angles are among its columns {', '.join(names[:12])}"
@@ -228,6 +233,14 @@ def _named_by(given: Mapping[str, str], machine: Machine) -> str:
     shared = {n: len({*given} & {*form.columns}) for n, form in raw_formats().items() if foreign <= {*form.columns}}
     best = [n for n, count in shared.items() if count == max(shared.values())] if foreign else []
     return best[0] if len(best) == 1 else ""
+
+
+def _no_test(raw: RawFile, machine: Machine, kind: Kind, wishes: Wishes) -> bool:
+    """Whether a table of nominal and actual is of lengths, or of commands and what was read back of them."""
+    if kind != "commands":
+        return wishes.observation is not None
+    own = format_of(raw, plain=True).read(raw, Asked(machine))
+    return {j.name for j in machine.joints} <= {*map(str, own.frame), *roles(own, machine, kind, {})}
 
 
 def _placed(path: Path, theirs: str, names: list[str]) -> str:
@@ -315,7 +328,9 @@ def _what(path: Path, recording: Recording, machine: Machine, kind: Kind, single
         raise InputError(str(path), found, f"Say which it is: --columns {single.reading}=..")
     first = next((n for n in names if frame[n].dtype.kind == "f"), names[0])
     others = "; ".join(
-        f"of {form.title} by {', '.join(form.columns)}" for form in raw_formats().values() if form.columns
+        f"of {form.title} by {', '.join(form.columns[:SHOWN])}{' ...' if len(form.columns) > SHOWN else ''}"
+        for form in raw_formats().values()
+        if form.columns
     )
     cure = f"Say which they are: --columns mx={first},my=..,mz=..; {others}"
     raise InputError(str(path), found, f"{cure}; of single readings --observation, one of {', '.join(registry())}")

@@ -20,6 +20,7 @@ from errormodel.conventions import ROTATIONS, TRANSLATIONS, Motion, iso_symbol
 from errormodel.location_errors import ALIGNED_COSINE, ROTATION_LETTERS, one_of_each_pair
 from identification.iso_standards.base import Chart, Evaluation, Quantity, Sheet, Standard, shown_unit, spread, text
 from identification.iso_standards.fitted import FittedMachine
+from identification.iso_standards.measured_lines import STATED, MeasuredLine, lines_of
 from identification.iso_standards.reference_lines import LEAST_SQUARES, LINES, least_squares, straightened, straightness
 from identification.iso_standards.series import DRAWS, SAME_POSITION, Series, series_of
 
@@ -65,18 +66,23 @@ class Geometry(Standard):
     title = "ISO 230-1:2012, geometric accuracy: straightness, angles, squareness, parallelism"
     needs = (
         "readings across the motion of one linear joint (or its angles) at three targets or more, while the others "
-        "stand still: rows about its error motions (column joint) or measured points"
+        "stand still: rows about its error motions (column joint), measured points, or observations of straightness "
+        "and angles along a line; squareness of the latter needs one reference line, or lines whose slope is stated"
     )
 
     def of_survey(self, survey: Survey, machine: Machine) -> Evaluation:
         rng = np.random.default_rng(0)
         found = [s for s in series_of(survey, machine) if s.joint.type == "prismatic"]
-        curves = [c for s in found for c in _curves(s, rng)]
+        lines = list(lines_of(survey, machine))
+        curves = [c for s in (*found, *(line.series for line in lines)) for c in _curves(s, rng)]
         squares = list(_between_lines(survey, machine, found, rng))
+        squares += _of_readings(machine, lines, {q.symbol for q in squares}, rng)
         if not curves and not squares:
             raise self.lacking(survey, "no linear joint was read across its motion, nor its angles")
         basis = "noise of the instrument as declared"
-        return _evaluation(self, f"survey {survey.source.name}", curves, squares, basis, ())
+        stated = any(line.reference == STATED for line in lines)
+        notes = ("angles between lines of readings hold the stated slopes of their reference lines to be right",)
+        return _evaluation(self, f"survey {survey.source.name}", curves, squares, basis, notes if stated else ())
 
     def of_fit(self, model: FittedMachine) -> Evaluation:
         curves = []
@@ -164,6 +170,38 @@ def _between_lines(
         basis = "noise of the instrument as declared" if known else "the survey declares no noise of its instrument"
         words = f"{error.words} (lines at {longest[line].at}; {longest[reference].at})"
         yield Quantity(error.symbol, "", words, value, "rad", expanded, basis)
+
+
+def _of_readings(
+    machine: Machine, lines: list[MeasuredLine], have: set[str], rng: np.random.Generator
+) -> Iterator[Quantity]:
+    """Squareness and parallelism of lines that were read against one direction; of each the longest one."""
+    longest: dict[tuple[str, str, int], Series] = {}
+    for line in lines:
+        key = (line.reference, line.series.joint.name, line.component)
+        if line.reference and (key not in longest or np.ptp(line.series.q) > np.ptp(longest[key].q)):
+            longest[key] = line.series
+    slopes = {key: _direction(series, rng)[:, key[2]] for key, series in longest.items()}
+    for error in one_of_each_pair(Chain(machine).location_errors):
+        about = np.eye(3)[ROTATION_LETTERS.index(error.symbol[1])]
+        for reference in dict.fromkeys(key[0] for key in longest):
+            tilts, places = [], []
+            for joint in (error.line.name, error.reference.name):
+                own = [k for k in longest if k[:2] == (reference, joint)]
+                toward = np.cross(about, np.round(longest[own[0]].axis)) if own else np.zeros(3)
+                key = (reference, joint, int(np.argmax(np.abs(toward))))
+                if toward.any() and key in longest:
+                    tilts.append(toward[key[2]] * slopes[key])
+                    places.append(longest[key])
+            if len(tilts) < 2 or error.symbol in have:
+                continue
+            known = all(series.sigma is not None for series in places)
+            values = tilts[0] - tilts[1]
+            value, expanded = spread(values if known else values[:1])
+            basis = "noise of the instrument as declared" if known else "the survey declares no noise of its instrument"
+            words = f"{error.words} (lines {places[0].at}; {places[1].at})"
+            have = have | {error.symbol}
+            yield Quantity(error.symbol, "", words, value, "rad", expanded, basis)
 
 
 def _direction(series: Series, rng: np.random.Generator) -> Array:

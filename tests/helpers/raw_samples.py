@@ -61,6 +61,10 @@ Air temp: 20.5
 EOF::
 """.replace("\n", "\r\n")
 TEST = "target_mm,cycle,direction,position_mm\n-20,1,+,-20.01\n20,1,+,20.04\n20,1,-,20.02\n-20,1,-,-20.03\n"
+SIDE_BY_SIDE = (
+    "Abweichung in \u00b5m\nX soll [mm];1\u2191;1\u2193;2\u2191;2\u2193;Mittel\n"
+    "-20;-10,5;-30;-11;-29;-20\n20;40;20;41;21;30,5\n"
+)
 BALLBAR = (
     "Radius: 150 mm\nFeed rate: 1000\nPlane XY\nAngle [deg]\tDeviation [um]\n0\t1.5\n90\t-2.5\n180\t1.0\n270\t0.5\n"
 )
@@ -154,6 +158,7 @@ SAMPLES: dict[str, tuple[bytes | str, Asked]] = {
     "tracker-points": ("P1;-148.743;-3153.918;104.44;;;;\nP2;-140.5;-3150.25;100.75;;;;\n", Asked(MILL)),
     "renishaw-laser": (LASER, Asked(MILL)),
     "positioning-test": (TEST, Asked(MILL, joint="X")),
+    "positioning-runs": (SIDE_BY_SIDE, Asked(MILL)),
     "ballbar-trace": (BALLBAR, Asked(MILL)),
     "optitrack-take": (OPTITRACK, Asked(MILL)),
     "cmm-ascii": (CMM, Asked(MILL)),

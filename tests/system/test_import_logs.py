@@ -10,7 +10,7 @@ import pytest
 
 from errormodel import InputError
 from identification import import_survey
-from tests.helpers.importing import MILL, logs, points
+from tests.helpers.importing import MILL, logs, points, poses
 
 LATE = 2  # rows that the machine is behind its commands
 POSES = 8
@@ -81,3 +81,67 @@ def test_a_rest_that_was_not_measured_is_named(sides: tuple[Path, pd.DataFrame, 
     result = import_survey(file, MILL, commands=folder / "c.csv")
     assert "not measured: 1 rest (line " in result.summary()
     np.testing.assert_allclose(result.survey.table[["X", "Y", "Z"]], left, atol=1e-4)
+
+
+@pytest.mark.parametrize("gone", [[], [3]])
+def test_lengths_are_joined_to_the_rests_of_a_log(
+    sides: tuple[Path, pd.DataFrame, np.ndarray], gone: list[int], tmp_path: Path
+) -> None:
+    """A list of lengths, one a rest, beside a log of thousands of rows; a rest that was not measured is named."""
+    told = logs(tmp_path, seed=11, rows=20)
+    log = pd.read_csv(tmp_path / "controller.csv", sep=";", decimal=",")[["X_cmd", "Y_cmd", "Z_cmd"]]
+    log.set_axis(["X", "Y", "Z"], axis=1).to_csv(tmp_path / "c.csv", index=False)
+    kept = told.drop(index=gone)
+    lengths = np.linalg.norm(kept.to_numpy() - [900.0, -700.0, -200.0], axis=1) - 50.0
+    file = written(tmp_path, {"length": lengths})
+    result = import_survey(file, MILL, commands=tmp_path / "c.csv", observation="station-distance")
+    assert "20 rests in a log of " in result.summary()
+    assert ("not measured: 1 rest (line " in result.summary()) == bool(gone)
+    np.testing.assert_allclose(result.survey.table[["X", "Y", "Z"]], kept, atol=1e-4)
+
+
+def test_a_clock_that_goes_back_is_named(tmp_path: Path) -> None:
+    logs(tmp_path, seed=3, rows=12)
+    log = pd.read_csv(tmp_path / "tracker.csv")
+    at = 3 * len(log) // 5
+    log.loc[at:, "Time [s]"] -= 7.5
+    log.to_csv(tmp_path / "t.csv", index=False)
+    with pytest.raises(InputError, match=rf"t.csv: its clock goes back by 7.45 s before row {at + 1}"):
+        import_survey(tmp_path / "t.csv", MILL, commands=tmp_path / "controller.csv")
+
+
+def test_a_clock_that_was_set_between_a_plan_and_a_list_is_named(tmp_path: Path) -> None:
+    """Both have a time a pose; extra readings behind the last command are none of this."""
+    told = poses(rows=20)
+    when = np.cumsum(np.random.default_rng(2).uniform(5, 15, 20))
+    told.assign(time=when).to_csv(tmp_path / "plan.csv", index=False)
+    seen = points(told)
+    own = when + 100.0
+    own[13:] += 3600.0
+    columns = {"mx": seen[:, 0], "my": seen[:, 1], "mz": seen[:, 2], "time": own}
+    with pytest.raises(InputError, match=r"from row 14 on its clock is 3600 s further ahead"):
+        import_survey(written(tmp_path, columns), MILL, commands=tmp_path / "plan.csv", match="time")
+    columns["time"] = when + 100.0
+    result = import_survey(written(tmp_path, columns), MILL, commands=tmp_path / "plan.csv", match="time")
+    assert "joined 20 of 20 readings" in result.summary()
+
+
+def test_a_list_in_the_order_of_its_names_is_joined_by_its_times(tmp_path: Path) -> None:
+    """Its times go back, and no clock was set."""
+    told = poses(rows=20)
+    when = np.cumsum(np.random.default_rng(2).uniform(5, 15, 20))
+    told.assign(time=when).to_csv(tmp_path / "plan.csv", index=False)
+    order = np.random.default_rng(3).permutation(20)
+    seen = points(told)[order]
+    columns = {"mx": seen[:, 0], "my": seen[:, 1], "mz": seen[:, 2], "time": when[order] + 100.0}
+    result = import_survey(written(tmp_path, columns), MILL, commands=tmp_path / "plan.csv", match="time")
+    np.testing.assert_array_equal(result.survey.table[["X", "Y", "Z"]], told.iloc[order])
+
+
+def test_many_readings_of_one_command_are_a_dwell(tmp_path: Path) -> None:
+    """One command is no R-test, of which many are at one place."""
+    told = poses(rows=1)
+    told.to_csv(tmp_path / "plan.csv", index=False)
+    seen = points(pd.concat([told] * 30, ignore_index=True))
+    file = written(tmp_path, {"mx": seen[:, 0], "my": seen[:, 1], "mz": seen[:, 2]})
+    assert len(import_survey(file, MILL, commands=tmp_path / "plan.csv").survey) == 1

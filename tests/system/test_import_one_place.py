@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from errormodel import InputError, read_machine, read_survey, simulate
 from errormodel.chain import Chain
 from identification.importing.check import check_survey
 from identification.importing.geometry import Nominal
-from tests.helpers.commands import done
+from tests.helpers.commands import done, run
 
 FORK = """errormodel: 1
 name: Fork head
@@ -103,3 +104,20 @@ def test_few_readings_at_one_place_are_not_called_proved(fork: Path, table: pd.D
     proof = check_survey(machine, read_survey(tmp_path / "rtest.csv", machine)).proof
     assert proof.one_place is not None
     assert "too few for a fit" in proof.one_place.text
+
+
+@pytest.mark.parametrize("lacks", ["a row", "a column"])
+def test_what_an_r_test_lacks_is_named(lacks: str, fork: Path, table: pd.DataFrame, tmp_path: Path) -> None:
+    """Where nothing but the order joins, the nearest command is no help, and no frame is to be spoken of."""
+    commands = table[["X", "Y", "Z", "C", "A"]]
+    commands = commands.drop(columns="A") if lacks == "a column" else commands.drop(index=7)
+    commands.to_csv(tmp_path / "plan.csv", index=False)
+    table[SEEN].to_csv(tmp_path / "rtest.csv", index=False)
+    seen, plan = tmp_path / "rtest.csv", tmp_path / "plan.csv"
+    result = run("import", seen, "--machine", fork, "--commands", plan, "--out", tmp_path / "s")
+    assert result.code == 2
+    said = {
+        "a row": "78 readings and 77 commands of.*all at one place.*which rows plan.csv lacks.*--match name",
+        "a column": "plan.csv: no command of A among its columns X, Y, Z, C. .*--command-columns A=",
+    }[lacks]
+    assert re.search(said, " ".join(result.err.split()))

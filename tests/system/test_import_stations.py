@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from errormodel.machine_file import read_machine
 from errormodel.simulation import measured_at, outward, random_points
 from errormodel.truth import Truth
 from identification import import_survey
+from identification.importing.check import check_lines, check_survey
 from identification.importing.dwells import find_dwells
 from tests.helpers.importing import MILL, NOISE, points, poses
 
@@ -108,3 +110,20 @@ def test_an_offset_of_a_programme_that_the_target_would_hide_is_refused(tmp_path
     assert "an offset, the tool, or errors of location" in imported(0.4)
     with pytest.raises(InputError, match="The offset is wrong by so much, or the target was not the tool"):
         imported(5)
+
+
+@pytest.mark.parametrize("shift", [0.0, 10.0])
+def test_a_displacement_that_repeats_show_is_said_by_import_and_check(shift: float, tmp_path: Path) -> None:
+    """The second pass lies ten times the noise beside the first, far below what the machine's errors are."""
+    both = pd.concat([COMMANDS, COMMANDS], ignore_index=True)
+    both.to_csv(tmp_path / "plan.csv", index=False)
+    measured = points(both) + np.outer(np.arange(60) >= 30, shift * NOISE * np.array([0.6, -0.64, 0.48]))
+    named(measured).drop(columns="Name").to_csv(tmp_path / "seen.csv", index=False)
+    result = import_survey(tmp_path / "seen.csv", MILL, commands=tmp_path / "plan.csv")
+    machine = read_machine(MILL)
+    lines = [*check_lines(check_survey(machine, result.survey))]
+    for said in (" ".join(result.summary().split()), " ".join(lines)):
+        assert ("commands lie" in said) == bool(shift)
+        if shift:
+            assert float(said.split("commands lie ")[1].split()[0]) == pytest.approx(1e3 * shift * NOISE, rel=0.2)
+            assert re.search(r"u = [\d.]+ um.*between rows 30 and 32 .* write frame: per-run in survey.yaml", said)

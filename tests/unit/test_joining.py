@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from errormodel.exceptions import InputError
 from identification.importing.dwells import find_dwells
 from identification.importing.matching import by_order, by_time, speed_offset
 from identification.importing.nearest import find_pairing
@@ -100,3 +103,34 @@ def test_passes_and_repeats_are_told_apart() -> None:
     np.testing.assert_array_equal(passes.command, np.tile(np.arange(8), 3))
     np.testing.assert_array_equal(repeats.command, np.repeat(np.arange(8), 3))
     assert by_order(23, 8, nominal, np.zeros((23, 3))) is None
+
+
+def two_logs(q: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Path of the commands with their times, and what was seen on it with its true times."""
+    rows = [q[:1].repeat(80, axis=0)]
+    for a, b in pairwise(q):
+        part = (1 - np.cos(np.linspace(0, np.pi, int(np.abs(b - a).max() / 2) + 2))) / 2
+        rows += [a + np.outer(part, b - a), b[None].repeat(80, axis=0)]
+    path = np.vstack(rows)
+    told = 0.02 * np.arange(len(path))
+    when = np.arange(2, told[-1] - 2, 0.05)
+    seen = np.column_stack([np.interp(when, told, path[:, k]) for k in range(3)]) + rng.normal(0, 3e-3, (len(when), 3))
+    return path, told, seen, when
+
+
+def test_cycles_that_repeat_are_no_clock_that_was_set() -> None:
+    """Each end of the recording fits other cycles as well; one offset fits all of it."""
+    rng = np.random.default_rng(8)
+    path, told, seen, when = two_logs(np.vstack([rng.uniform(-300, 300, (5, 3))] * 3), rng)
+    by_time(path, told, seen, when + 12.3, when[100:200] + 12.3, same_clock=False, name="c.csv")
+
+
+@pytest.mark.parametrize(("jump", "share"), [(30.0, 0.6), (1.2, 0.4)])
+def test_a_clock_that_was_set_between_two_logs_is_named(jump: float, share: float) -> None:
+    rng = np.random.default_rng(0)
+    path, told, seen, when = two_logs(rng.uniform(-300, 300, (12, 3)), rng)
+    first = int(share * len(when))
+    clock = when + 12.3 + jump * (np.arange(len(when)) >= first)
+    with pytest.raises(InputError, match=r"m\.csv: two logs.* clock is .* s further ahead of that of c\.csv") as error:
+        by_time(path, told, seen, clock, clock[100:200], same_clock=False, name="c.csv", measured="m.csv")
+    assert abs(int(str(error.value).split("from row ")[1].split(maxsplit=1)[0]) - first - 1) < 40  # of a rest

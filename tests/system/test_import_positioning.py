@@ -1,0 +1,198 @@
+"""Positioning tests as laboratories write them: runs side by side, the other way round, nominal and actual."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from errormodel import InputError, read_machine, read_survey
+from errormodel.machine import Joint, Machine
+from errormodel.raw_formats.base import format_of, open_raw
+from identification import import_survey, iso
+from tests.helpers.commands import run
+from tests.helpers.importing import MILL
+
+MACHINE = read_machine(MILL)
+TARGETS = np.arange(-150.0, 151.0, 50.0)
+RUNS = 5
+UM = np.random.default_rng(4).normal(0, 2.0, (len(TARGETS), RUNS, 2)).round(1) + np.array([0.0, 8.0])  # there and back
+HEADS = {
+    "arrows": ("Position [mm]", lambda k, back: f"{k}{'↓' if back else '↑'} [µm]"),
+    "signs": ("Target (mm)", lambda k, back: f"Run {k} {'-' if back else '+'} (um)"),
+    "letters": ("Pos", lambda k, back: f"{'B' if back else 'F'}{k} [um]"),
+    "words": ("X soll [mm]", lambda k, back: f"{'zurück' if back else 'vor'} {k} [µm]"),
+    "names that come again": ("Sollposition [mm]", lambda k, back: "rück [µm]" if back else "hin [µm]"),
+    "underscores": ("target_mm", lambda k, back: f"run{k}_{'bwd' if back else 'fwd'}_um"),
+}
+
+
+def table(style: str, positions: bool = False) -> pd.DataFrame:
+    """A row a target, a column a run of a direction."""
+    target, name = HEADS[style]
+    columns = [(name(k + 1, back), UM[:, k, back]) for k in range(RUNS) for back in (0, 1)]
+    values = [TARGETS + v / 1e3 if positions else v for _, v in columns]
+    return pd.DataFrame(np.column_stack([TARGETS, *values]), columns=[target, *(n for n, _ in columns)])
+
+
+def check(survey_table: pd.DataFrame) -> None:
+    """All readings at their targets, in their runs and directions."""
+    assert len(survey_table) == UM.size
+    for back, side in ((0, 1.0), (1, -1.0)):
+        own = survey_table[survey_table["dir_X"] == side]
+        found = own.assign(run=own["run"].astype(int)).pivot(index="X", columns="run", values="dx")
+        np.testing.assert_allclose(found.to_numpy() * 1e3, UM[:, :, back], atol=1e-6)
+        np.testing.assert_array_equal(found.index, TARGETS)
+
+
+@pytest.mark.parametrize("style", HEADS)
+@pytest.mark.parametrize("comma", [False, True])
+def test_runs_side_by_side(style: str, comma: bool, tmp_path: Path) -> None:
+    text = table(style).to_csv(index=False, sep=";", decimal="," if comma else ".", float_format="%.4f")
+    (tmp_path / "x.csv").write_bytes(text.encode("utf-16" if comma else "utf-8"))
+    check(import_survey(tmp_path / "x.csv", MILL, joint="X").survey.table)
+
+
+def test_two_rows_of_names_and_a_unit_above(tmp_path: Path) -> None:
+    head = "Positionierabweichung in µm\n;" + ";".join(f"Lauf {k + 1};" for k in range(RUNS))
+    head += "\nPosition;" + ";".join(["vor;zurück"] * RUNS) + "\n"
+    rows = table("letters").to_csv(index=False, header=False, sep=";", decimal=",", float_format="%.4f")
+    (tmp_path / "x.csv").write_bytes((head + rows).encode("cp1252"))
+    check(import_survey(tmp_path / "x.csv", MILL, joint="X").survey.table)
+
+
+@pytest.mark.parametrize("labels", ["one", "two"])
+def test_a_row_a_run(labels: str, tmp_path: Path) -> None:
+    """As spreadsheets of laser software have it: targets along the first row; means below are passed over."""
+    turned = [["Deviation [um]"], ["Target" if labels == "one" else "Run;Direction", *TARGETS]]
+    for k in range(RUNS):
+        for back in (0, 1):
+            sign = "-" if back else "+"
+            turned.append([f"Run {k + 1} {sign}" if labels == "one" else f"{k + 1};{sign}", *UM[:, k, back]])
+    turned.append(["Mean +" if labels == "one" else "Mean;+", *UM[:, :, 0].mean(axis=1).round(3)])
+    (tmp_path / "x.csv").write_text("\n".join(";".join(map(str, row)) for row in turned) + "\n")
+    check(import_survey(tmp_path / "x.csv", MILL, joint="X").survey.table)
+
+
+def test_positions_instead_of_deviations_and_a_reading_that_is_missing(tmp_path: Path) -> None:
+    data = table("signs", positions=True)
+    data.columns = [c.replace(" (um)", "") for c in data]
+    data.to_csv(tmp_path / "x.csv", index=False)
+    result = import_survey(tmp_path / "x.csv", MILL, joint="X")
+    check(result.survey.table)
+    assert "measured positions of X" in result.summary()
+    data.iloc[2, 3] = np.nan
+    data.to_csv(tmp_path / "y.csv", index=False)
+    result = import_survey(tmp_path / "y.csv", MILL, joint="X")
+    assert len(result.survey.table) == UM.size - 1
+    assert "1 readings missing" in result.summary()
+
+
+def test_what_is_ambiguous_is_asked_and_answered(tmp_path: Path) -> None:
+    data = table("arrows")
+    bare = data.set_axis(["Position", *(f"Run {k}" for k in range(1, 2 * RUNS + 1))], axis=1)
+    bare.to_csv(tmp_path / "x.csv", index=False)
+    with pytest.raises(InputError, match=r"does not say the direction: Run 1, Run 2.*--columns 1\+=Run 1,1-=Run 2"):
+        import_survey(tmp_path / "x.csv", MILL, joint="X")
+    said = {f"{k + 1}{s}": f"Run {2 * k + 1 + back}" for k in range(RUNS) for back, s in enumerate("+-")}
+    with pytest.raises(InputError, match=r"no unit of the deviations.*--units deviation=um"):
+        import_survey(tmp_path / "x.csv", MILL, joint="X", columns={"target": "Position", **said})
+    result = import_survey(
+        tmp_path / "x.csv", MILL, joint="X", columns={"target": "Position", **said}, units={"deviation": "um"}
+    )
+    check(result.survey.table)
+    result.save(tmp_path / "s")
+    check(read_survey(tmp_path / "s", MACHINE).table)
+
+
+def test_figures_are_those_of_the_same_readings_one_below_the_other(tmp_path: Path) -> None:
+    table("words").to_csv(tmp_path / "wide.csv", index=False)
+    rows = [
+        (t, k + 1, "-" if back else "+", UM[i, k, back])
+        for k in range(RUNS)
+        for back in (0, 1)
+        for i, t in ([*enumerate(TARGETS)][::-1] if back else enumerate(TARGETS))
+    ]
+    long = pd.DataFrame(rows, columns=["target_mm", "cycle", "direction", "deviation_um"])
+    long.to_csv(tmp_path / "long.csv", index=False)
+    figures = []
+    for name in ("wide", "long"):
+        import_survey(tmp_path / f"{name}.csv", MILL, joint="X").save(tmp_path / name)
+        figures.append(iso("230-2", MILL, tmp_path / name).figures)
+    pd.testing.assert_frame_equal(*figures)
+
+
+@pytest.mark.parametrize(
+    "head", ["X soll;X ist", "Soll X [mm];Ist X [mm]", "Target;Measured", "Consigne X;Mesure X", "Teorico X;Misurato X"]
+)
+def test_nominal_and_actual_of_one_axis(head: str, tmp_path: Path) -> None:
+    targets = np.concatenate([TARGETS, TARGETS[::-1]] * 2)
+    read = targets + 1e-3 * np.concatenate([UM[:, 0, 0], UM[::-1, 0, 1], UM[:, 1, 0], UM[::-1, 1, 1]])
+    (tmp_path / "x.csv").write_text(f"{head}\n" + "".join(f"{t};{v:.5f}\n" for t, v in zip(targets, read, strict=True)))
+    result = import_survey(tmp_path / "x.csv", MILL, joint="X")
+    frame = result.survey.table
+    assert frame["run"].tolist() == ["1"] * 14 + ["2"] * 14
+    assert frame["dir_X"].tolist() == [1.0] * 7 + [-1.0] * 7 + [1.0] * 7 + [-1.0] * 7
+    np.testing.assert_allclose(frame["dx"], read.round(5) - targets, atol=1e-9)
+    assert "nominal" in result.summary()
+
+
+@pytest.mark.parametrize(
+    ("nominal", "actual"),
+    [("{} soll", "{} ist"), ("Soll {} [mm]", "Ist {} [mm]"), ("{} nominal", "{} actual"), ("Target_{}", "Measured_{}"),
+     ("consigne {}", "mesure {}"), ("{} teorico", "{} misurato")],
+)  # fmt: skip
+def test_nominal_and_actual_of_three_axes(nominal: str, actual: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    at = rng.uniform([-150, -100, 250], [150, 100, 400], (20, 3)).round(3)
+    data = pd.DataFrame(
+        np.column_stack([at, at + rng.normal(0, 0.004, at.shape).round(4)]),
+        columns=[*(nominal.format(a) for a in "XYZ"), *(actual.format(a) for a in "XYZ")],
+    )
+    data.to_csv(tmp_path / "a.csv", index=False, sep=";")
+    result = run("import", tmp_path / "a.csv", "--machine", MILL, "--out", tmp_path / "s")
+    assert result.code == 0, result.err
+    assert "taken as measured. If the controller read them back" in " ".join(result.out.split())
+    survey = read_survey(tmp_path / "s", MACHINE)
+    np.testing.assert_allclose(survey.commands(["X", "Y", "Z"]), at)
+    np.testing.assert_allclose(survey.measured, data.iloc[:, 3:])
+
+
+READ = UM[:, 0, 0]
+NO_TEST = {
+    "polar coordinates": ("H;V;R", [TARGETS, READ, TARGETS]),
+    "two units": ("Position;Run 1 + [um];Run 1 - [mm]", [TARGETS, READ, READ]),
+    "something up and down": ("level;up;down", [TARGETS, READ, READ]),
+    "a feed beside axes": ("X;Y;Z;F;R", [TARGETS] * 5),
+    "measured coordinates by number": ("X;Y;Z;Measurement 1;Measurement 2;Measurement 3", [TARGETS] * 6),
+    "a log": ("time;X soll;X ist", [TARGETS + 200, TARGETS, TARGETS]),
+    "two axes": ("X soll;X ist;Y soll;Y ist", [TARGETS] * 4),
+}
+
+
+@pytest.mark.parametrize("what", NO_TEST)
+def test_other_tables_are_no_positioning_test(what: str, tmp_path: Path) -> None:
+    head, columns = NO_TEST[what]
+    rows = "".join(";".join(map(str, row)) + "\n" for row in zip(*columns, strict=True))
+    (tmp_path / "a.csv").write_text(f"{head}\n{rows}")
+    assert format_of(open_raw(tmp_path / "a.csv", "a.csv")).name == "delimited-table"
+
+
+def test_nominal_and_actual_of_the_only_axis_are_commands_beside_a_measured_file(tmp_path: Path) -> None:
+    """What a control read back of them is no measurement."""
+    axis = Machine("one axis", (Joint("X", "prismatic", (1.0, 0.0, 0.0), (-200.0, 200.0)),))
+    at = np.random.default_rng(2).uniform(-150, 150, 20).round(3)
+    pd.DataFrame({"X soll": at, "X ist": at + 0.002}).to_csv(tmp_path / "log.csv", index=False)
+    pd.DataFrame({"mx": at + 0.01, "my": 0 * at, "mz": 0 * at}).to_csv(tmp_path / "seen.csv", index=False)
+    found = import_survey(tmp_path / "seen.csv", axis, commands=tmp_path / "log.csv").survey.table
+    assert "dx" not in found or found["dx"].isna().all()
+    np.testing.assert_array_equal(found["X"], at)
+
+
+def test_targets_in_degrees_are_of_no_linear_axis(tmp_path: Path) -> None:
+    data = table("signs").rename(columns={"Target (mm)": "Target (deg)"})
+    data.to_csv(tmp_path / "x.csv", index=False)
+    with pytest.raises(InputError, match=r"target positions in 'deg', and X is prismatic.*--units target=mm"):
+        import_survey(tmp_path / "x.csv", MILL, joint="X")
