@@ -166,7 +166,7 @@ class _Rows:
             gram, slope = total(sums, levels)
             gram, slope = gram + hold, slope - hold @ values
             step, inverse = scaled_solve(gram[pick], slope[base]), scaled_inverse(gram[pick])
-            size = float(np.sqrt(max(step @ gram[pick] @ step, 0.0)))
+            size = float(np.sqrt(max(float(step @ gram[pick] @ step), 0.0)))
             if at is not None:
                 step = self.shortened(weighed, levels, values, base, step)
             values = values.copy()
