@@ -71,16 +71,22 @@ def repeat_shift(labels: Index, measured: Array, rows: Index, file: str) -> Repe
         return np.asarray(values - (total / np.bincount(number)[:, None])[number])
 
     apart = about(measured[again])
-    behind = about((np.arange(len(again))[:, None] >= np.arange(1, len(again))).astype(float))
-    weight = np.sum(np.square(behind), axis=0)
-    shift = (behind.T @ apart) / np.maximum(weight, FEWEST)[:, None]
+    each = np.bincount(number)
+    order = np.argsort(number, kind="stable")
+    passed = np.empty(len(again), dtype=np.intp)  # of a row's command, rows before it
+    passed[order] = np.arange(len(again)) - np.repeat(np.cumsum(each) - each, each)
+    # a row that comes before the border, with `still` of its command behind it so far, changes the sum of squares
+    still = each[number] - passed
+    weight = np.cumsum((2 * still - 1) / each[number] - 1)[:-1]
+    behind = np.cumsum(apart[::-1], axis=0)[::-1][1:]  # sums behind the border
+    shift = behind / np.maximum(weight, FEWEST)[:, None]
     gain = np.where(weight >= FEWEST, np.sum(np.square(shift), axis=1) * weight, 0.0)
     total = float(np.sum(np.square(apart)))
     if not gain.any():
         return None
     alike = gain >= gain.max() - ALIKE * (total - gain.max()) / free  # of these the one with most on either side
     best = int(np.lexsort((gain, np.where(alike, weight, -1)))[-1])
-    left = apart - behind[:, [best]] * shift[best]
+    left = apart - about((np.arange(len(again)) > best).astype(float)[:, None]) * shift[best]
     noise = float(np.sqrt(np.sum(np.square(left)) / free))
     linked = float(np.sum(left[1:] * left[:-1]) / max(np.sum(np.square(left)), 1e-300))
     linked = float(np.clip(linked - CHANCE / np.sqrt(left.size), 0.0, 0.9))  # by chance it is so large of white noise
