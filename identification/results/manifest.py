@@ -14,7 +14,7 @@ from errormodel import __version__
 from errormodel.exceptions import InputError
 from errormodel.files import sha256
 from errormodel.inputs import current
-from identification.results.versions import read_json
+from identification.results.versions import read_json, validate
 
 NAME = "manifest.json"  # file in each folder of results
 SCHEMA = "errormodel.manifest/1"
@@ -88,38 +88,29 @@ def read(folder: Path) -> Manifest | None:
     path = folder / NAME
     try:
         data = read_json(path, SCHEMA, CURE)
-        files = {str(name): str(digest) for name, digest in data["files"].items()}
-        _check_names(files, str(data["holds"]))
-        inputs: dict[str, list[str]] = {}
-        for entry in data["inputs"]:
-            inputs.setdefault(str(entry["name"]), []).append(str(entry["sha256"]))
-        command, options, arguments = str(data["command"]), dict(data.get("options", {})), data.get("arguments")
-        return Manifest(
-            command,
-            str(data["holds"]),
-            files,
-            inputs,
-            made_by(command, options),
-            None if arguments is None else dict(arguments),
-            options,
-            str(data.get("version", "")),
-        )
     except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:
         raise InputError(str(path), f"it cannot be read ({error.strerror})", CURE) from error
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        found = f"it cannot be read as a manifest ({type(error).__name__}: {error})"
-        raise InputError(str(path), found, CURE) from error
+    from identification.results.manifest_file import ManifestFile  # which takes time to load
+
+    validate(ManifestFile, path, data, CURE)
+    files, command, options = data["files"], data["command"], data.get("options", {})
+    _check_names(path, files, data["holds"])
+    inputs: dict[str, list[str]] = {}
+    for entry in data["inputs"]:
+        inputs.setdefault(entry["name"], []).append(entry["sha256"])
+    words, arguments = made_by(command, options), data.get("arguments")
+    return Manifest(command, data["holds"], files, inputs, words, arguments, options, data.get("version", ""))
 
 
-def _check_names(files: Mapping[str, str], holds: str) -> None:
-    """Check that a manifest lists all that it has to, and nothing outside of its folder; ValueError if not."""
+def _check_names(path: Path, files: Mapping[str, str], holds: str) -> None:
+    """Check that a manifest lists all that it has to, and nothing outside of its folder; InputError if not."""
     for name in files:
         if Path(name).anchor or ".." in Path(name).parts:
-            raise ValueError(f"it lists {name!r}, which is not in the folder")
+            raise InputError(str(path), f"it lists {name!r}, which is not in the folder", CURE)
     if absent := [name for name in ALWAYS.get(holds, ()) if name not in files]:
-        raise ValueError(f"it does not list {', '.join(absent)}")
+        raise InputError(str(path), f"it does not list {', '.join(absent)}", CURE)
 
 
 def lists(path: Path) -> bool:
