@@ -19,6 +19,7 @@ from identification.results.versions import read_json, validate
 NAME = "manifest.json"  # file in each folder of results
 SCHEMA = "errormodel.manifest/1"
 CURE = "Choose another folder, or move it away"
+PUT_BACK = "Put back what was written there, or run the command again with another folder"
 ALWAYS = {  # files that every folder of a kind has, whatever the version and the options
     "model": ("machine.yaml", "parameters.csv", "residuals.csv", "covariance.csv", "fit.json"),
     "tables": ("checklist.txt", "compensation.json"),
@@ -28,6 +29,7 @@ ALWAYS = {  # files that every folder of a kind has, whatever the version and th
     "survey": ("survey.yaml",),
 }
 SOMETIMES = ("diagnosis.json", "decisions.csv", "thermal.json")  # files that are read where they lie beside a fit
+FOR_PEOPLE = (".html", ".svg", ".png")  # pages and figures, which no command reads
 
 
 @dataclass(frozen=True)
@@ -148,16 +150,26 @@ def missing(folder: Path) -> tuple[str, ...]:
 def check_whole(folder: Path) -> None:
     """Check that the files of a folder of results belong together, before any is read.
 
-    Folders written before manifests existed are accepted without one.
+    Folders written before manifests existed are accepted without one, and folders without their pages, which are large.
 
     Raises
     ------
     InputError
-        A file was changed or is of another result.
+        A file was changed, is of another result, or is missing.
     """
     manifest = read(folder)
-    if manifest is not None and (others := [*wrong(folder), *_unlisted(folder, manifest)]):
+    if manifest is None:
+        return
+    if others := [*wrong(folder), *_unlisted(folder, manifest)]:
         raise foreign(folder, others[0], manifest)
+    if gone := [name for name in _gone(folder, manifest) if not name.endswith(FOR_PEOPLE)]:
+        found = f"it is missing; {_maker(manifest)} wrote it to this folder"
+        raise InputError(str(folder / gone[0]), found, PUT_BACK)
+
+
+def _gone(folder: Path, manifest: Manifest) -> list[str]:
+    """Files that a manifest lists and that are not there."""
+    return [name for name in manifest.files if not (folder / name).is_file()]
 
 
 def check_complete(folder: Path, manifest: Manifest) -> None:
@@ -169,11 +181,11 @@ def check_complete(folder: Path, manifest: Manifest) -> None:
         About all that are not.
     """
     bad = dict.fromkeys(wrong(folder), "changed, or of another result")
-    bad |= {name: "missing" for name in manifest.files if not (folder / name).is_file()}
+    bad |= dict.fromkeys(_gone(folder, manifest), "missing")
     bad |= dict.fromkeys(_unlisted(folder, manifest), f"not listed in {NAME}")
     if bad:
         found = "; ".join(f"{name}: {what}" for name, what in bad.items())
-        raise InputError(str(folder), found, "Put those files back, or run the command again with another folder")
+        raise InputError(str(folder), found, PUT_BACK)
 
 
 def inside(folder: Path, manifest: Manifest) -> Iterator[tuple[Path, Manifest]]:
@@ -189,10 +201,14 @@ def inside(folder: Path, manifest: Manifest) -> Iterator[tuple[Path, Manifest]]:
 
 def foreign(folder: Path, name: str, manifest: Manifest) -> InputError:
     """Error for a file that is not the one listed in the manifest."""
-    by = f"`errormodel {manifest.command}`" if manifest.command else "errormodel"
+    by = _maker(manifest)
     found = f"it is not the file that {by} wrote to this folder: it was changed since, or is of another result"
-    cure = "Put that file back, or run the command again with another folder"
+    cure = PUT_BACK
     if name == "machine.yaml":
         cure = f"Fit a machine that was edited to a folder of its own (errormodel fit {folder / name} SURVEY --out NEW)"
         cure += ", or put the file back"
     return InputError(str(folder / name), found, cure)
+
+
+def _maker(manifest: Manifest) -> str:
+    return f"`errormodel {manifest.command}`" if manifest.command else "errormodel"

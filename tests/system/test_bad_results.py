@@ -212,6 +212,31 @@ def test_lost(name: str, place: Path) -> None:
     refused(place, READ[name], "fit/")
 
 
+SEALED: dict[str, tuple[object, ...]] = {
+    "predict": PREDICT,
+    "compensate": COMPENSATE,
+    "monitor": MONITOR,
+    "export": ("export", "fit", "--format", "urdf", "--out", "arm.urdf"),
+    "iso": ("iso", "230-1", "fit", "--out", "iso"),
+    "verify": ("verify", "fit"),
+    "rerun": ("rerun", "fit"),
+}
+
+
+@pytest.mark.parametrize("name", ["parameters.csv", "covariance.csv"])
+@pytest.mark.parametrize("command", SEALED)
+def test_a_file_that_the_manifest_lists_and_that_is_lost(command: str, name: str, sealed: Path) -> None:
+    """Whoever removed one file may have exchanged others: no reader goes on without it."""
+    (Path("fit") / name).unlink()
+    refused(sealed, SEALED[command], "fit", f"{name}: ", "missing")
+
+
+def test_a_page_that_is_lost_is_missed_by_verify_only(sealed: Path) -> None:
+    Path("fit/report.html").unlink()
+    refused(sealed, ("verify", "fit"), "report.html: missing")
+    assert run(*PREDICT).code == 0
+
+
 def test_residuals_of_more_cells_than_the_header(place: Path) -> None:
     path = Path("fit/residuals.csv")
     header, _, rows = path.read_text().partition("\n")
