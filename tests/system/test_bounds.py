@@ -133,6 +133,18 @@ def test_uncertainties_that_no_instrument_has(sigma: str, place: Path) -> None:
     assert run("plan", MILL, "--points", 20, "--noise", sigma).code == 2
 
 
+@pytest.mark.parametrize("command", ["fit", "diagnose"])
+@pytest.mark.parametrize("columns", [("sigma",), ("sigma_x", "sigma_y", "sigma_z")])
+def test_an_uncertainty_beyond_the_size_of_the_machine(command: str, columns: tuple[str, ...], place: Path) -> None:
+    rows = Path("s.csv").read_text().splitlines()
+    values = ",1e4" * len(columns)
+    write(Path("t.csv"), "\n".join([",".join([rows[0], *columns]), *(r + values for r in rows[1:])]))
+    result = run(command, MILL, "t.csv", "--out", "out")
+    assert result.code == 2, result.out
+    assert "t.csv: the declared standard uncertainty of a coordinate is 1e+04 mm" in result.err
+    assert "Check the unit of sigma" in result.err
+
+
 LIMITED = "ulimit -v {kb}; exec {python} -m errormodel {words}"
 
 
