@@ -11,10 +11,11 @@ costs nothing.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+TYPE_CHECKING = False  # what type checkers take for true; `typing` itself is half of the start of a command
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from errormodel.exceptions import InputError
     from errormodel.machine import Machine
     from errormodel.machine_file import read_machine, write_machine
@@ -51,6 +52,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    from importlib import import_module
+
     if name not in _WHERE:
         raise AttributeError(f"module 'errormodel' has no attribute '{name}'")
     return getattr(import_module(f"errormodel.{_WHERE[name]}"), name)

@@ -9,10 +9,11 @@ and `average_dwells` for surveys larger than memory. They are imported when they
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+TYPE_CHECKING = False  # what type checkers take for true; `typing` itself is half of the start of a command
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from identification.api import (
         average_dwells,
         check,
@@ -73,6 +74,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    from importlib import import_module
+
     if name not in __all__:
         raise AttributeError(f"module 'identification' has no attribute '{name}'")
     return getattr(import_module("identification.api"), name)

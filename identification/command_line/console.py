@@ -18,6 +18,7 @@ import click
 from errormodel import __version__
 from errormodel.exceptions import InputError
 from errormodel.inputs import Run, check_readable, is_unicode, running
+from identification.command_line.memory import check_limit
 from identification.results.output_file import OutputFile, check_name, doubts_on_name
 from identification.results.results_folder import ResultsFolder
 from identification.results.terminal import one_line
@@ -110,6 +111,7 @@ def command(function: Callable[..., None]) -> click.Command:
     @functools.wraps(function)
     def run(*args: Any, quiet: bool, seed: int, **kwargs: Any) -> None:
         global _quiet  # noqa: PLW0603  one process runs one command, or one within another
+        check_limit()
         before, _quiet = _quiet, quiet
         try:
             given = kwargs | ({"seed": seed} if draws else {})

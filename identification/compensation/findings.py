@@ -18,7 +18,7 @@ from errormodel.exceptions import InputError
 from errormodel.inputs import noted
 from identification.compensation.field import Field
 from identification.results.stored_fit import CURE
-from identification.results.versions import read_json
+from identification.results.versions import read_json, reason_of
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,8 @@ def findings_of(folder: Path) -> list[Found]:
             )
             for f in read_json(noted(path), SCHEMA, CURE)["findings"]
         ]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        found = f"its findings cannot be read ({type(error).__name__}: {error})"
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        found = f"its findings cannot be read ({reason_of(error)})"
         raise InputError(str(path), found, CURE) from error
 
 

@@ -67,7 +67,7 @@ from identification.diagnosis.search.instrument_noise import station_notes
 from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.together import together
-from identification.estimation.checks import check_readings, noise_notes
+from identification.estimation.checks import check_declared, check_readings, noise_notes
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
 from identification.observation.normal_equations import design_rows
@@ -131,6 +131,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         survey = blunders[-1].survey if blunders else survey
         mended = fit_machine(machine, survey)
         check_readings(mended)
+        check_declared(mended)
         if not read:
             refuse_turned_head(mended)
             refuse_foreign_orientations(survey, mended.problem.views)

@@ -93,7 +93,8 @@ def looked_over(fit: Fit) -> Fit:
     Raises
     ------
     InputError
-        No group is identifiable, or the misfit is too large for this machine.
+        No group is identifiable, the declared uncertainty is beyond the machine's size, or the misfit is too large for
+        this machine.
     """
     before, after = (float(np.median(np.linalg.norm(r, axis=1))) for r in (fit.nominal_residuals, fit.residuals))
     other = (
@@ -102,6 +103,7 @@ def looked_over(fit: Fit) -> Fit:
     if other or (not fit.solution.groups.rank and another(fit.chain, fit.nominal)):
         raise InputError(str(fit.survey.source), "no parameter can be identified", far_off(fit.nominal))
     check_readings(fit)
+    check_declared(fit)
     if not fit.problem.unknowns:
         found = "no parameter can be identified: machine.yaml declares no errors and the measuring frame is fixed"
         raise InputError(str(fit.survey.source), found, "Declare errors of shapes and joints in machine.yaml")
@@ -129,6 +131,17 @@ def looked_over(fit: Fit) -> Fit:
         "fewer errors in machine.yaml"
     )
     return replace(fit, notes=(*fit.notes, note))
+
+
+def check_declared(fit: Fit) -> None:
+    """Raise InputError where coordinates are declared less certain, in all rows, than the machine is large."""
+    largest = [float(np.abs(v.whitener).max(initial=0.0)) for v in fit.problem.views if v.kind == "position"]
+    if "position" in fit.solution.declared and 0.0 < max(largest, default=0.0) <= 1 / fit.chain.size:
+        found = (
+            f"the declared standard uncertainty of a coordinate is {1 / max(largest):.3g} mm in the best row, beyond "
+            f"the machine's size ({fit.chain.size:.0f} mm): no parameter can be identified"
+        )
+        raise InputError(str(fit.survey.source), found, "Check the unit of sigma, or of the instrument (mm; k = 1)")
 
 
 def check_readings(fit: Fit) -> None:

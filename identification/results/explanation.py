@@ -15,7 +15,7 @@ from identification.diagnosis.decisions.records import as_rows, from_rows
 from identification.diagnosis.decisions.summary import parts_of
 from identification.diagnosis.results.findings import SCHEMA
 from identification.results import manifest
-from identification.results.versions import read_json
+from identification.results.versions import read_json, reason_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -158,8 +158,8 @@ def _read(folder: Path) -> tuple[dict[str, Any], list[Decision]]:
         diagnosis["findings"] = [dict(f, probability=float(f["probability"])) for f in diagnosis["findings"]]
         with (folder / FILE).open(encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file))
-    except (OSError, ValueError, KeyError, TypeError, RecursionError, csv.Error) as error:
-        found = f"its diagnosis cannot be read ({type(error).__name__}: {error})"
+    except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
+        found = f"its diagnosis cannot be read ({reason_of(error)})"
         raise InputError(str(folder), found, "Run `errormodel diagnose` again") from error
     if not rows:  # every diagnosis decides something: its verdict at least
         raise InputError(str(folder / FILE), "no decision in it", "Run `errormodel diagnose` again")

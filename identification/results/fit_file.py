@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
-from errormodel.yamlfile import Keys, Number, Vector3, dotted, shown
+from errormodel.yamlfile import Number, Vector3
+from identification.results.versions import validate
 
 INSTRUMENT_MEMBER = re.compile(r"(frame(\[.*\])?|zero\[.*\])\.(d[xyz]|e[abc])", re.DOTALL)  # no parameter of a chain
 
 NotNegative = Annotated[Number, Field(ge=0)]
 Figure = NotNegative | None  # JSON has null for what was not computed
+
+
+LONGEST_ROTATION = math.pi * (1 + 1e-9)  # rad; a longer rotation vector is another rotation, which nobody wrote
+
+
+def _turned(vector: list[float]) -> list[float]:
+    if math.hypot(*vector) > LONGEST_ROTATION:
+        raise ValueError("no rotation vector: it is longer than pi")
+    return vector
 
 
 class _Part(BaseModel):
@@ -35,7 +46,7 @@ class _Parameter(_Part):
 
 class _Pose(_Part):
     translation: Vector3
-    rotation: Vector3
+    rotation: Annotated[Vector3, AfterValidator(_turned)]
     undetermined: list[Vector3] = []
 
 
@@ -70,6 +81,7 @@ class _LocationError(_Part):
 
 class _SetUp(_Part):
     id: str
+    value: Number
     unit: str
 
 
@@ -87,6 +99,8 @@ class FitFile(_Part):
     covered: dict[str, Annotated[list[Number], Field(min_length=2, max_length=2)]] = {}
     history: dict[str, Annotated[list[Number], Field(min_length=3, max_length=3)]] = {}
     robust: bool = False
+    sigma_um: NotNegative = 0.0
+    sigma_interval_um: list[Figure] = []
     coverage: Annotated[Number, Field(gt=0)] = 1.0
     observations: list[_SetUp] = []
 
@@ -99,18 +113,7 @@ def check_fit(path: Path, data: dict[str, Any]) -> None:
     InputError
         About the first wrong key.
     """
-    try:
-        FitFile.model_validate(data)
-    except ValidationError as error:
-        detail = error.errors(include_url=False)[0]
-        keys: Keys = detail["loc"]
-        missing = detail["type"] == "missing"
-        found = "it is missing" if missing else f"{shown(detail['input'])}: {_wanted(detail['msg'])}"
-        raise InputError(f"{path}, key {dotted(keys)}", found, "Run the fit again") from error
-
-
-def _wanted(message: str) -> str:
-    return message.replace("Input should", "it should").replace("List should", "it should")
+    validate(FitFile, path, data, "Run the fit again")
 
 
 def check_parameters(path: Path, data: Mapping[str, Any], chain: Chain) -> None:

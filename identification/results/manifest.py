@@ -14,11 +14,12 @@ from errormodel import __version__
 from errormodel.exceptions import InputError
 from errormodel.files import sha256
 from errormodel.inputs import current
-from identification.results.versions import read_json
+from identification.results.versions import read_json, validate
 
 NAME = "manifest.json"  # file in each folder of results
 SCHEMA = "errormodel.manifest/1"
 CURE = "Choose another folder, or move it away"
+PUT_BACK = "Put back what was written there, or run the command again with another folder"
 ALWAYS = {  # files that every folder of a kind has, whatever the version and the options
     "model": ("machine.yaml", "parameters.csv", "residuals.csv", "covariance.csv", "fit.json"),
     "tables": ("checklist.txt", "compensation.json"),
@@ -28,6 +29,7 @@ ALWAYS = {  # files that every folder of a kind has, whatever the version and th
     "survey": ("survey.yaml",),
 }
 SOMETIMES = ("diagnosis.json", "decisions.csv", "thermal.json")  # files that are read where they lie beside a fit
+FOR_PEOPLE = (".html", ".svg", ".png")  # pages and figures, which no command reads
 
 
 @dataclass(frozen=True)
@@ -88,38 +90,29 @@ def read(folder: Path) -> Manifest | None:
     path = folder / NAME
     try:
         data = read_json(path, SCHEMA, CURE)
-        files = {str(name): str(digest) for name, digest in data["files"].items()}
-        _check_names(files, str(data["holds"]))
-        inputs: dict[str, list[str]] = {}
-        for entry in data["inputs"]:
-            inputs.setdefault(str(entry["name"]), []).append(str(entry["sha256"]))
-        command, options, arguments = str(data["command"]), dict(data.get("options", {})), data.get("arguments")
-        return Manifest(
-            command,
-            str(data["holds"]),
-            files,
-            inputs,
-            made_by(command, options),
-            None if arguments is None else dict(arguments),
-            options,
-            str(data.get("version", "")),
-        )
     except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:
         raise InputError(str(path), f"it cannot be read ({error.strerror})", CURE) from error
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        found = f"it cannot be read as a manifest ({type(error).__name__}: {error})"
-        raise InputError(str(path), found, CURE) from error
+    from identification.results.manifest_file import ManifestFile  # which takes time to load
+
+    validate(ManifestFile, path, data, CURE)
+    files, command, options = data["files"], data["command"], data.get("options", {})
+    _check_names(path, files, data["holds"])
+    inputs: dict[str, list[str]] = {}
+    for entry in data["inputs"]:
+        inputs.setdefault(entry["name"], []).append(entry["sha256"])
+    words, arguments = made_by(command, options), data.get("arguments")
+    return Manifest(command, data["holds"], files, inputs, words, arguments, options, data.get("version", ""))
 
 
-def _check_names(files: Mapping[str, str], holds: str) -> None:
-    """Check that a manifest lists all that it has to, and nothing outside of its folder; ValueError if not."""
+def _check_names(path: Path, files: Mapping[str, str], holds: str) -> None:
+    """Check that a manifest lists all that it has to, and nothing outside of its folder; InputError if not."""
     for name in files:
         if Path(name).anchor or ".." in Path(name).parts:
-            raise ValueError(f"it lists {name!r}, which is not in the folder")
+            raise InputError(str(path), f"it lists {name!r}, which is not in the folder", CURE)
     if absent := [name for name in ALWAYS.get(holds, ()) if name not in files]:
-        raise ValueError(f"it does not list {', '.join(absent)}")
+        raise InputError(str(path), f"it does not list {', '.join(absent)}", CURE)
 
 
 def lists(path: Path) -> bool:
@@ -157,16 +150,26 @@ def missing(folder: Path) -> tuple[str, ...]:
 def check_whole(folder: Path) -> None:
     """Check that the files of a folder of results belong together, before any is read.
 
-    Folders written before manifests existed are accepted without one.
+    Folders written before manifests existed are accepted without one, and folders without their pages, which are large.
 
     Raises
     ------
     InputError
-        A file was changed or is of another result.
+        A file was changed, is of another result, or is missing.
     """
     manifest = read(folder)
-    if manifest is not None and (others := [*wrong(folder), *_unlisted(folder, manifest)]):
+    if manifest is None:
+        return
+    if others := [*wrong(folder), *_unlisted(folder, manifest)]:
         raise foreign(folder, others[0], manifest)
+    if gone := [name for name in _gone(folder, manifest) if not name.endswith(FOR_PEOPLE)]:
+        found = f"it is missing; {_maker(manifest)} wrote it to this folder"
+        raise InputError(str(folder / gone[0]), found, PUT_BACK)
+
+
+def _gone(folder: Path, manifest: Manifest) -> list[str]:
+    """Files that a manifest lists and that are not there."""
+    return [name for name in manifest.files if not (folder / name).is_file()]
 
 
 def check_complete(folder: Path, manifest: Manifest) -> None:
@@ -178,11 +181,11 @@ def check_complete(folder: Path, manifest: Manifest) -> None:
         About all that are not.
     """
     bad = dict.fromkeys(wrong(folder), "changed, or of another result")
-    bad |= {name: "missing" for name in manifest.files if not (folder / name).is_file()}
+    bad |= dict.fromkeys(_gone(folder, manifest), "missing")
     bad |= dict.fromkeys(_unlisted(folder, manifest), f"not listed in {NAME}")
     if bad:
         found = "; ".join(f"{name}: {what}" for name, what in bad.items())
-        raise InputError(str(folder), found, "Put those files back, or run the command again with another folder")
+        raise InputError(str(folder), found, PUT_BACK)
 
 
 def inside(folder: Path, manifest: Manifest) -> Iterator[tuple[Path, Manifest]]:
@@ -198,10 +201,14 @@ def inside(folder: Path, manifest: Manifest) -> Iterator[tuple[Path, Manifest]]:
 
 def foreign(folder: Path, name: str, manifest: Manifest) -> InputError:
     """Error for a file that is not the one listed in the manifest."""
-    by = f"`errormodel {manifest.command}`" if manifest.command else "errormodel"
+    by = _maker(manifest)
     found = f"it is not the file that {by} wrote to this folder: it was changed since, or is of another result"
-    cure = "Put that file back, or run the command again with another folder"
+    cure = PUT_BACK
     if name == "machine.yaml":
         cure = f"Fit a machine that was edited to a folder of its own (errormodel fit {folder / name} SURVEY --out NEW)"
         cure += ", or put the file back"
     return InputError(str(folder / name), found, cure)
+
+
+def _maker(manifest: Manifest) -> str:
+    return f"`errormodel {manifest.command}`" if manifest.command else "errormodel"

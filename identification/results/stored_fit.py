@@ -104,8 +104,6 @@ def read_files(folder: Path) -> StoredFit:
         )
     except OSError as error:
         raise InputError(str(path), f"it cannot be read ({error.strerror})", CURE) from error
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(str(path), f"it cannot be read as a fit ({type(error).__name__}: {error})", CURE) from error
     return fit
 
 

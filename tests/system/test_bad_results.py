@@ -79,7 +79,12 @@ NAN, INF = float("nan"), float("inf")
 FIRST = ("parameters", 0)
 POSE = ("frame", 0, "alignment")
 FIT_JSON: dict[str, tuple[Change, tuple[str, ...]]] = {
-    **{f"a value of {v}": (at(*FIRST, "value", to=v), ("fit.json", "number")) for v in (NAN, INF, -INF)},
+    **{f"a value of {v}": (at(*FIRST, "value", to=v), ("fit.json, key parameters[1].value", "not finite"))
+       for v in (NAN, INF, -INF)},
+    "a coefficient of NaN": (at(*FIRST, "members", "table.dx", to=NAN), ("key parameters[1].members.table.dx",)),
+    "a figure that is infinite": (at("heldout", "rms_um", to=INF), ("key heldout.rms_um", "not finite")),
+    **{f"a noise of {v!r}": (at("sigma_um", to=v), ("key sigma_um",)) for v in (-3.0, NAN, "2", None)},
+    "a negative bound of the noise": (at("sigma_interval_um", 0, to=-1.0), ("key sigma_interval_um[1]",)),
     **{f"a value of {v!r}": (at(*FIRST, "value", to=v), ("key parameters[1].value", "Run the fit again"))
        for v in ("0.1", None, [1.0], True, {}, 1e300)},
     **{f"std of {v!r}": (at(*FIRST, "std", to=v), ("key parameters[1].std",)) for v in (-1e-3, None, "1")},
@@ -100,7 +105,7 @@ FIT_JSON: dict[str, tuple[Change, tuple[str, ...]]] = {
     **{f"a translation of {v!r}": (at(*POSE, "translation", to=v), ("key frame[1].alignment.translation",))
        for v in ([1.0, 2.0], [1.0, 2.0, 3.0, 4.0], [1.0, 2.0, "3"], [1.0, None, 3.0], 7.0, None)},
     **{f"a rotation of {v!r}": (at(*POSE, "rotation", to=v), ("key frame[1].alignment.rotation",))
-       for v in ([0.0, 0.0], [[0.0, 0.0, 0.0]], "none")},
+       for v in ([0.0, 0.0], [[0.0, 0.0, 0.0]], "none", [0.0, 3.2, 0.0])},
     "undetermined of two": (at(*POSE, "undetermined", to=[[1.0, 0.0]]), ("key frame[1].alignment.undetermined",)),
     "no alignment": (without(*POSE), ("key frame[1].alignment", "missing")),
     "no frames": (at("frame", to=[]), ("key frame", "no measuring frame")),
@@ -108,7 +113,7 @@ FIT_JSON: dict[str, tuple[Change, tuple[str, ...]]] = {
     "an odd frame mode": (at("frame_mode", to="odd"), ("key frame_mode", "'odd'", "'shared'")),
     **{f"no {key}": (without(key), (f"key {key}", "missing"))
        for key in ("parameters", "frame_mode", "frame", "nominal", "fitted", "test", "noise")},
-    "no schema": (without("schema"), ("cannot be read as a fit",)),
+    "no schema": (without("schema"), ("key schema", "missing")),
     "nominal of text": (at("nominal", to="x"), ("key nominal",)),
     "nominal without rms": (without("nominal", "rms_um"), ("key nominal.rms_um", "missing")),
     "negative rms": (at("nominal", "rms_um", to=-1.0), ("key nominal.rms_um", "-1.0")),
@@ -122,6 +127,9 @@ FIT_JSON: dict[str, tuple[Change, tuple[str, ...]]] = {
     "location errors of numbers": (at("location_errors", to=[1]), ("key location_errors[1]",)),
     "a newer version": (at("version", to="99.0"), ("errormodel 99.0 wrote it", "Use errormodel 99.0 or later")),
     "a newer schema": (lambda d: d.update(schema="errormodel.fit/2", version="7.1.0"), ("Use errormodel 7.1.0",)),
+    "a schema of no version": (
+        at("schema", to="errormodel.fit/99"), ("key schema", "'errormodel.fit/99'", "reads number 1", "that wrote it")
+    ),
     "another schema": (at("schema", to="errormodel.compensation/1"), ("errormodel.compensation/1", "Give the folder")),
     "schema of a list": (at("schema", to=[1]), ("[1]",)),
 }  # fmt: skip
@@ -204,6 +212,31 @@ def test_lost(name: str, place: Path) -> None:
     refused(place, READ[name], "fit/")
 
 
+SEALED: dict[str, tuple[object, ...]] = {
+    "predict": PREDICT,
+    "compensate": COMPENSATE,
+    "monitor": MONITOR,
+    "export": ("export", "fit", "--format", "urdf", "--out", "arm.urdf"),
+    "iso": ("iso", "230-1", "fit", "--out", "iso"),
+    "verify": ("verify", "fit"),
+    "rerun": ("rerun", "fit"),
+}
+
+
+@pytest.mark.parametrize("name", ["parameters.csv", "covariance.csv"])
+@pytest.mark.parametrize("command", SEALED)
+def test_a_file_that_the_manifest_lists_and_that_is_lost(command: str, name: str, sealed: Path) -> None:
+    """Whoever removed one file may have exchanged others: no reader goes on without it."""
+    (Path("fit") / name).unlink()
+    refused(sealed, SEALED[command], "fit", f"{name}: ", "missing")
+
+
+def test_a_page_that_is_lost_is_missed_by_verify_only(sealed: Path) -> None:
+    Path("fit/report.html").unlink()
+    refused(sealed, ("verify", "fit"), "report.html: missing")
+    assert run(*PREDICT).code == 0
+
+
 def test_residuals_of_more_cells_than_the_header(place: Path) -> None:
     path = Path("fit/residuals.csv")
     header, _, rows = path.read_text().partition("\n")
@@ -250,6 +283,26 @@ def test_manifest(name: str, command: tuple[object, ...], sealed: Path) -> None:
     MANIFEST[name](data)
     write(Path("fit/manifest.json"), json.dumps(data))
     refused(sealed, command, "fit")
+
+
+NO_MANIFEST = {
+    "empty": (b"", ("manifest.json, line 1, column 1", "no JSON from here on")),
+    "cut short": (b'{"schema":\n "errorm', ("manifest.json, line 2, column 2", "no JSON")),
+    "too deep": (b"[" * 50_000, ("manifest.json", "nested too deep")),
+    "a list": (b"[]", ("manifest.json", "no mapping of keys to values")),
+    "no schema": (b"{}", ("manifest.json, key schema", "missing")),
+    "no files": (b'{"schema": "errormodel.manifest/1"}', ("manifest.json, key holds", "missing")),
+    "another encoding": (b"\xff\xfe{}", ("manifest.json", "the byte 0xff at 0, which is not UTF-8")),
+    "a number of many digits": (b'{"schema": ' + b"1" * 5000 + b"}", ("manifest.json", "too long")),
+}
+
+
+@pytest.mark.parametrize("name", NO_MANIFEST)
+def test_what_is_wrong_with_a_manifest_is_said_in_words(name: str, sealed: Path) -> None:
+    content, words = NO_MANIFEST[name]
+    write(Path("fit/manifest.json"), content)
+    refused(sealed, ("verify", "fit"), *words)
+    assert not re.search(r"[A-Z]\w+Error", run("verify", "fit").err)
 
 
 @pytest.mark.parametrize("name", ["diagnosis.json", "decisions.csv"])

@@ -133,22 +133,50 @@ def test_uncertainties_that_no_instrument_has(sigma: str, place: Path) -> None:
     assert run("plan", MILL, "--points", 20, "--noise", sigma).code == 2
 
 
-LIMITED = "ulimit -v {kb}; exec {python} -m identification.command_line.start fit {mill} s.csv --out out"
+@pytest.mark.parametrize("command", ["fit", "diagnose"])
+@pytest.mark.parametrize("columns", [("sigma",), ("sigma_x", "sigma_y", "sigma_z")])
+def test_an_uncertainty_beyond_the_size_of_the_machine(command: str, columns: tuple[str, ...], place: Path) -> None:
+    rows = Path("s.csv").read_text().splitlines()
+    values = ",1e4" * len(columns)
+    write(Path("t.csv"), "\n".join([",".join([rows[0], *columns]), *(r + values for r in rows[1:])]))
+    result = run(command, MILL, "t.csv", "--out", "out")
+    assert result.code == 2, result.out
+    assert "t.csv: the declared standard uncertainty of a coordinate is 1e+04 mm" in result.err
+    assert "Check the unit of sigma" in result.err
+
+
+LIMITED = "ulimit -v {kb}; exec {python} -m errormodel {words}"
 
 
 @POSIX
 @pytest.mark.skipif(sys.platform != "linux", reason="a limit of memory that is kept")
-@pytest.mark.parametrize("kb", [400_000, 700_000, 1_000_000])
-def test_too_little_memory_is_said(kb: int, place: Path) -> None:
-    line = LIMITED.format(kb=kb, python=sys.executable, mill=MILL)
-    env = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
-    done_ = subprocess.run(["bash", "-c", line], capture_output=True, text=True, env=env, check=False, timeout=120)
-    if done_.returncode == 0:
-        return  # it was enough
-    assert done_.returncode == 2, done_.stderr
-    assert "memory: there is too little" in done_.stderr
-    assert "Traceback" not in done_.stderr
+@pytest.mark.parametrize(
+    ("words", "code"), [("machines", 2), (f"fit {MILL} s.csv --out out", 2), ("fit --help", 0), ("--version", 0)]
+)
+def test_a_limit_of_memory_that_is_too_low_is_refused_at_once(words: str, code: int, place: Path) -> None:
+    """OpenBLAS would try for ever to allocate, and no signal but SIGKILL would end that."""
+    line = LIMITED.format(kb=600_000, python=sys.executable, words=words)
+    env = os.environ | {"PYTHONPATH": str(ROOT)}
+    ended = subprocess.run(["bash", "-c", line], capture_output=True, text=True, env=env, check=False, timeout=30)
+    assert ended.returncode == code, ended.stderr
+    if code:
+        assert "limited to 0.61 GB (ulimit -v 600000)" in ended.stderr
+        assert "Set ulimit -v " in ended.stderr
     assert not Path("out").exists()
+
+
+LACKS = [MemoryError(), ImportError("x.so: failed to map segment"), RuntimeError("can't start new thread")]
+
+
+@pytest.mark.parametrize("error", LACKS)
+def test_too_little_memory_is_said(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    def lacking() -> None:
+        raise error
+
+    monkeypatch.setattr("errormodel.library", lacking, raising=False)
+    ended = run("machines")
+    assert (ended.code, ended.err.count("\n")) == (2, 1)
+    assert "memory: there is too little" in ended.err
 
 
 def test_fifty_copies_of_a_row_are_no_recording(place: Path) -> None:

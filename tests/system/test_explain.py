@@ -228,4 +228,4 @@ def test_a_diagnosis_without_a_manifest_is_judged_by_what_it_holds(gantry: Path,
     diagnosis.write_text(held.replace("errormodel.diagnosis/1", "errormodel.diagnosis/9"), encoding="utf-8")
     refused(run("explain", tmp_path / "d"), "errormodel.diagnosis/9")
     diagnosis.write_text(held.replace('"noise_um":', '"noise_um": NaN, "was":'), encoding="utf-8")
-    refused(run("explain", tmp_path / "d"), "NaN")
+    refused(run("explain", tmp_path / "d"), "diagnosis.json, key noise_um", "not finite")

@@ -55,6 +55,39 @@ def test_a_word_and_130(delay: float, tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir() if p.name not in (".errormodel.sha256", "s.csv")] == []
 
 
+# What is imported first after the modules around the start of a command brings the signal.
+LOADING = """
+import __future__, os, runpy, signal, sys
+class First:
+    def find_spec(self, name, *_):
+        if name.partition(".")[0] not in ("errormodel", "identification"):
+            sys.meta_path.remove(self)
+            try:
+                os.kill(os.getpid(), signal.{name})
+            finally:
+                os.kill(os.getpid(), signal.{name})  # and again, by who has no patience
+sys.argv = ["errormodel", "machines"]
+for heavy in ("typing", "threading", "contextlib", "collections.abc"):
+    sys.modules.pop(heavy, None)  # `runpy` may have loaded it
+sys.meta_path.insert(0, First())
+{start}
+"""
+STARTS = {
+    "python -m": "runpy.run_module('errormodel', run_name='__main__')",
+    "script": "from identification.command_line.start import entry; entry()",
+}
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("start", STARTS)
+def test_a_word_while_modules_load(start: str, name: str) -> None:
+    """Handlers come before all modules but those of the start of a command and `signal`."""
+    process = started(LOADING.format(name=name, start=STARTS[start]))
+    _, err = process.communicate(timeout=SOON_S)
+    assert (process.returncode, err.strip()[:7]) == (128 + getattr(signal, name), "stopped"), err
+    assert "Traceback" not in err
+
+
 DRAWING = f"""
 import time, identification.report
 identification.report.report = lambda *_: (print('up', flush=True), time.sleep(60))
