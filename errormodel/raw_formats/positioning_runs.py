@@ -42,6 +42,7 @@ _TOKEN = re.compile(r"[^\W\d_]+|\d+|[\u2190-\u2193+\-\u2013\u2212]")
 _AGAIN = re.compile(r"\s*\((\d+)\)$")  # behind a name that comes again
 _PLACE = re.compile(r"(mess)?pos(ition)?|p(unkt)?|x|y|z|u|v|w|a|b|c", re.IGNORECASE)
 _COUNTED = re.compile(r"i|no|nr|(target|ziel|punkt|point)?\s*(no|nr|number|i)\.?", re.IGNORECASE)
+_AXIS = re.compile(r"(.*?)[\s_.]*\b([xyz])", re.IGNORECASE)
 _STATED = re.compile(
     r"(?:deviation|abweichung|error|dev\.?)\w*\s*(?:in|[\[(:/=,;])\s*(\w+)", re.IGNORECASE
 )  # a unit above the table
@@ -182,7 +183,16 @@ def _numbered(found: Sequence[tuple[int, float]]) -> list[int] | None:
 
 def runs_in(table: Layout) -> Runs | None:
     """The runs in a table, a column each or a row each; None where there are none."""
-    return _by_columns(table) or _by_rows(table)
+    return None if _of_axes(table) else _by_columns(table) or _by_rows(table)
+
+
+def _of_axes(table: Layout) -> bool:
+    """Whether columns are coordinates (`Actual X`, `Actual Z`): Z is no way back (`zurück`) then."""
+    heads: dict[str, set[str]] = {}
+    for name in table.names if table.named else ():
+        if axis := _AXIS.fullmatch(name.strip()):
+            heads.setdefault(axis[1].lower(), set()).add(axis[2].lower())
+    return any(len(letters) > 1 for letters in heads.values())
 
 
 def _by_columns(table: Layout) -> Runs | None:

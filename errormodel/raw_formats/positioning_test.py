@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS, unit_of
 from errormodel.exceptions import InputError
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
@@ -29,6 +30,8 @@ _CYCLE = re.compile(r"cycle|run|pass|series|repeat|lauf|zyklus|serie|messlauf")
 _SIDE = re.compile(r"dir(ection)?|approach|side|(anfahr)?richtung")
 _COUNTED = re.compile(r"no|nr|i|number|n|index|#|punkt|point", re.IGNORECASE)
 _CLOCK = re.compile(r"(time|zeit|date|datum|temps|ora|heure)[\s_]?(stamp)?.*")
+LEAST_UNLIKE = 2e-4  # mm or rad: rounding of deviations and positions in tables
+ROUNDED, COARSE = 10.0, 0.05  # times the median difference, up to so many mm: positions are written with fewer digits
 _UNIT = re.compile(r"_(mm|um|inch|deg|arcsec|urad|rad)$")
 
 
@@ -93,11 +96,15 @@ class PositioningTest(RawFormat):
                 what = f"the unit '{own}'" if own else "no unit"
                 cure = f"Say it with --units deviation={'arcsec' if joint.type == 'rotary' else 'um'}, or what it is"
                 raise InputError(raw.name, f"{what} of the column {found['deviation']}", cure)
-        else:
-            own = "rad" if joint.type == "rotary" else "mm"
+        less = np.full(len(frame), np.nan)
+        if "actual" in found:
             actual = numbers(table, found["actual"], raw.name)
             stated = unit_word(asked.units.get("actual", table.units.get(found["actual"], unit)))
-            reading = to_internal(actual, stated, quantity) - to_internal(target, unit, quantity)
+            less = to_internal(actual, stated, quantity) - to_internal(target, unit, quantity)
+        if "deviation" in found:
+            _refuse_unlike(table, found, raw.name, to_internal(reading, own, quantity), less)
+        else:
+            own, reading = "rad" if joint.type == "rotary" else "mm", less
         side = np.full(len(frame), np.nan)
         if "side" in found:
             name = found["side"]
@@ -113,6 +120,25 @@ class PositioningTest(RawFormat):
         rows = motion_rows(joint, np.degrees(position) if usual == "deg" else position, reading, own, run, side)
         units = {joint.name: usual} | {name: unit_of(name) for name in MOTIONS if name in rows}
         return Recording(rows, units, table.lines, (*table.notes, *notes))
+
+
+def _refuse_unlike(table: Recording, found: dict[str, str], name: str, deviation: Array, less: Array) -> None:
+    """InputError where deviations (n,) are not the actual positions less the nominal ones, (n,), but for rounding."""
+    off, turned = np.abs(deviation - less), np.abs(deviation + less)
+    if not np.isfinite(off).any():
+        return
+    rounded = float(np.nanmedian(off))
+    least = 0.0 if np.nanmedian(turned) < rounded / ROUNDED else ROUNDED * rounded  # all of the other sign
+    wrong = np.flatnonzero(off > max(min(least, COARSE), LEAST_UNLIKE))
+    if len(wrong):
+        row = int(wrong[0])
+        more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+        raise InputError(
+            f"{name}, line {table.lines[row]}{more}",
+            f"{found['deviation']} is not {found['actual']} less {found['target']}: {deviation[row]:.6g} and "
+            f"{less[row]:.6g} mm or rad",
+            f"Say which holds: leave {found['deviation']} or {found['actual']} out (--columns {found['actual']}=-)",
+        )
 
 
 def axis_in(name: str) -> str:

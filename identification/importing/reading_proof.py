@@ -302,16 +302,21 @@ def _refuse_wrong_order(
         instead = _instead(chain, commands, observation, [way], readings, before)
         if instead is not None:
             raise InputError(where, f"{_size(before)}; {instead[0]}", instead[1])
+    shown = True
     for part, own in _passes(observation, way, readings[way.skip :]):
         there, reach = lying(chain, commands, observation, part, own)
         size = float(np.quantile(np.abs(there.gap(own, there.scalars)), MOST))
+        others = [(words, there.size_in(order)) for words, order in _orders(len(own))]
+        # readings that are alike whatever their order show nothing; the way back is another matter
+        shown &= all(after > max(BETTER * size, SMALL) for words, after in others if words.startswith("taken"))
         if size < SMALL:
             continue
-        for words, order in _orders(len(own)):
-            after = there.size_in(order)
+        for words, after in others:
             if after * BETTER < size and after < FOREIGN * reach:
                 found = f"{_size(before)}; {words} they fit to {1e3 * after:.3g} um (urad)"
                 raise InputError(where, found, ORDER_CURE)
+    if not shown:
+        return ["whether readings are shifted, exchanged or of another sign does not show: other orders fit as well"]
     said = ["no shift of the readings, no other order, unit or sign fits better"]
     if {q.name for q in observation.free} >= {*observation.point} and observation.point:
         said.append("which hand the axes have does not show: lengths fit their mirror image as well")

@@ -99,7 +99,7 @@ class FitFile(_Part):
     covered: dict[str, Annotated[list[Number], Field(min_length=2, max_length=2)]] = {}
     history: dict[str, Annotated[list[Number], Field(min_length=3, max_length=3)]] = {}
     robust: bool = False
-    sigma_um: NotNegative = 0.0
+    sigma_um: NotNegative | None = 0.0  # none of positions
     sigma_interval_um: list[Figure] = []
     coverage: Annotated[Number, Field(gt=0)] = 1.0
     observations: list[_SetUp] = []

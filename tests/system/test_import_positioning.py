@@ -12,7 +12,7 @@ from errormodel import InputError, read_machine, read_survey
 from errormodel.machine import Joint, Machine
 from errormodel.raw_formats.base import format_of, open_raw
 from identification import import_survey, iso
-from tests.helpers.commands import run
+from tests.helpers.commands import done, run
 from tests.helpers.importing import MILL
 
 MACHINE = read_machine(MILL)
@@ -196,3 +196,29 @@ def test_targets_in_degrees_are_of_no_linear_axis(tmp_path: Path) -> None:
     data.to_csv(tmp_path / "x.csv", index=False)
     with pytest.raises(InputError, match=r"target positions in 'deg', and X is prismatic.*--units target=mm"):
         import_survey(tmp_path / "x.csv", MILL, joint="X")
+
+
+def test_coordinates_are_no_runs(tmp_path: Path) -> None:
+    """`Actual Z` beside `Actual X` is an axis, and no way back (`zurück`)."""
+    names = [f"{what} {axis}" for what in ("Nominal", "Actual", "Deviation") for axis in "XYZ"]
+    rng = np.random.default_rng(1)
+    nominal = rng.uniform(50, 350, (20, 3)).round(3)
+    deviation = rng.normal(0, 0.01, (20, 3)).round(4)
+    table = pd.DataFrame(np.hstack([nominal, nominal + deviation, deviation]), columns=names)
+    table.to_csv(tmp_path / "s.csv", index=False)
+    out = done("import", tmp_path / "s.csv", "--machine", MILL, "--out", tmp_path / "taken").out
+    assert "mx = Actual X" in out
+    assert "positioning test" not in out
+
+
+@pytest.mark.parametrize(("row", "off", "refused"), [(3, 0.25, True), (3, 4e-5, False), (None, 10.0, True)])
+def test_deviations_are_actual_less_nominal(row: int | None, off: float, refused: bool, tmp_path: Path) -> None:
+    target = np.r_[0:400:11j, 400:0:11j].round(3)
+    deviation = np.random.default_rng(1).normal(0, 0.005, len(target)).round(4)
+    actual = target + deviation
+    actual[slice(None) if row is None else row] += off
+    table = pd.DataFrame({"Nominal [mm]": target, "Actual [mm]": actual.round(5), "Deviation [mm]": deviation})
+    table.to_csv(tmp_path / "s.csv", index=False)
+    said = run("import", tmp_path / "s.csv", "--machine", MILL, "--joint", "X", "--out", tmp_path / "taken")
+    assert (said.code == 2) == refused
+    assert ("Deviation is not Actual less Nominal" in said.err) == refused
