@@ -58,14 +58,16 @@ def measured_at(
     whole = np.flatnonzero(about == "")
     pose = chain.kernel("actual")(as_rows(*(row[whole] for row in rows)), values)
     frame = Rotation.from_euler("XYZ", truth.rotation)
-    measured = frame.apply(pose[:3].T) + np.array(truth.translation)
-    turned = frame * Rotation.from_matrix(pose[3:].reshape(3, 3, -1).transpose(2, 1, 0))
+    measured, turned = np.zeros((0, 3)), np.zeros((0, 3))
+    if len(whole):  # SciPy 1.15 has no rotation of no rows
+        measured = frame.apply(pose[:3].T) + np.array(truth.translation)
+        turned = (frame * Rotation.from_matrix(pose[3:].reshape(3, 3, -1).transpose(2, 1, 0))).as_rotvec()
     rng = np.random.default_rng(seed)
     if isinstance(noise, Instrument):
         measured = measured + noise.draw_noise(measured, rng)
     elif noise:
         measured = measured + rng.normal(0.0, noise, measured.shape)
-    table = np.hstack([measured, turned.as_rotvec()])
+    table = np.hstack([measured, turned])
     seen = pd.DataFrame(table, columns=[*MEASURED, *ORIENTATION], index=points.index[whole]).reindex(points.index)
     for name in dict.fromkeys(about[about != ""]):
         here = np.flatnonzero(about == name)
