@@ -83,7 +83,7 @@ FIT_JSON: dict[str, tuple[Change, tuple[str, ...]]] = {
        for v in (NAN, INF, -INF)},
     "a coefficient of NaN": (at(*FIRST, "members", "table.dx", to=NAN), ("key parameters[1].members.table.dx",)),
     "a figure that is infinite": (at("heldout", "rms_um", to=INF), ("key heldout.rms_um", "not finite")),
-    **{f"a noise of {v!r}": (at("sigma_um", to=v), ("key sigma_um",)) for v in (-3.0, NAN, "2", None)},
+    **{f"a noise of {v!r}": (at("sigma_um", to=v), ("key sigma_um",)) for v in (-3.0, NAN, "2")},
     "a negative bound of the noise": (at("sigma_interval_um", 0, to=-1.0), ("key sigma_interval_um[1]",)),
     **{f"a value of {v!r}": (at(*FIRST, "value", to=v), ("key parameters[1].value", "Run the fit again"))
        for v in ("0.1", None, [1.0], True, {}, 1e300)},
