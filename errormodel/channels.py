@@ -216,24 +216,32 @@ def assumed_sides(table: pd.DataFrame, joint: str) -> Index:
     (n,) integers: from 1 the number of the series of rows, 0 where a column or a move states the direction, and where
     the joint never moves.
     """
-    run, untold = _codes(table, ["file", "run"]), untold_sides(table, joint)
-    moves = np.isin(run, run[~untold])
-    return np.where(untold & moves, run + 1, 0)
+    known, run = _known_by_moves(table, joint), _codes(table, ["file", "run"])
+    result = np.where(~known & np.isin(run, run[known]), run + 1, 0)
+    if f"dir_{joint}" in table:
+        result[np.isfinite(table[f"dir_{joint}"].to_numpy(dtype=np.float64))] = 0
+    return result
 
 
-def untold_sides(table: pd.DataFrame, joint: str) -> Mask:
-    """Rows (n,) whose direction of approach neither a column nor a move of the joint in their run tells."""
+def unknown_sides(table: pd.DataFrame, joint: str) -> Mask:
+    """Rows (n,) whose direction of approach neither a column nor a move of the joint in their run states."""
+    unknown = ~_known_by_moves(table, joint)
+    if f"dir_{joint}" in table:
+        unknown &= np.isnan(table[f"dir_{joint}"].to_numpy(dtype=np.float64))
+    return unknown
+
+
+def _known_by_moves(table: pd.DataFrame, joint: str) -> Mask:
+    """Rows (n,) from a joint's first move in a file or run on."""
     import pandas as pd
 
     order, moved = _moves(table, joint)
-    run = _codes(table, ["file", "run"])[order]
-    result = np.empty(len(table), dtype=np.bool_)
-    # how a joint came to a run's first row, the end of the run before does not say
-    moves = moved.reset_index(drop=True).mask(~pd.Series(run).duplicated()).notna()
-    result[order] = ~moves.groupby(run).cummax().to_numpy()
-    if f"dir_{joint}" in table:
-        result &= np.isnan(table[f"dir_{joint}"].to_numpy(dtype=np.float64))
-    return result
+    run = pd.Series(_codes(table, ["file", "run"])[order])
+    # how it came to a run's first row, the end of the run before does not say
+    moves = moved.reset_index(drop=True).mask(~run.duplicated()).notna()
+    known = np.empty(len(table), dtype=np.bool_)
+    known[order] = moves.groupby(run).cummax()
+    return known
 
 
 def passes(position: Array, run: Index) -> Array:

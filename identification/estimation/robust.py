@@ -22,6 +22,7 @@ from identification.estimation.scaled_equations import scaled_inverse, scaled_so
 from identification.estimation.weights import Judgement, judge, no_majority
 from identification.observation.models import Kind, View
 from identification.observation.normal_equations import accumulate, design_rows, sampled, total, view_vector
+from identification.observation.sums import Sums
 from identification.runtime.blas import one_blas_thread
 from identification.runtime.convex_solver import optimise
 
@@ -168,7 +169,7 @@ class _Rows:
             step, inverse = scaled_solve(gram[pick], slope[base]), scaled_inverse(gram[pick])
             size = float(np.sqrt(max(float(step @ gram[pick] @ step), 0.0)))
             if at is not None:
-                step = self.shortened(weighed, levels, values, base, step)
+                step = self.shortened(weighed, levels, values, base, step, _weighted_square(sums, levels))
             values = values.copy()
             values[base] += step
             limit = STEP_TOLERANCE_SIGMA * np.sqrt(np.diag(inverse)) + STEP_TOLERANCE_RELATIVE * np.abs(values[base])
@@ -180,22 +181,27 @@ class _Rows:
         return values, judged, False
 
     def shortened(
-        self, weighed: Sequence[View], levels: Mapping[Kind, float], values: Array, base: Index, step: Array
+        self,
+        weighed: Sequence[View],
+        levels: Mapping[Kind, float],
+        values: Array,
+        base: Index,
+        step: Array,
+        most: float,
     ) -> Array:
-        """The step, halved until it does not make the sum of weighted squares larger; zero where none does."""
-
-        def square(values: Array) -> float:
-            sums = accumulate(weighed, self.place, values, self.held, gram=False)
-            return sum(s.square / levels[k] ** 2 for k, s in sums.items())
-
-        before = square(values)
+        """The step, halved until the sum of weighted squares is no larger than `most`; zero where it is."""
         for _ in range(MOST_HALVINGS):
             trial = values.copy()
             trial[base] += step
-            if square(trial) <= (1 + STEP_TOLERANCE_RELATIVE) * before:
+            sums = accumulate(weighed, self.place, trial, self.held, gram=False)
+            if _weighted_square(sums, levels) <= (1 + STEP_TOLERANCE_RELATIVE) * most:
                 return step
             step = 0.5 * step
         return np.zeros_like(step)
+
+
+def _weighted_square(sums: Mapping[Kind, Sums], levels: Mapping[Kind, float]) -> float:
+    return sum(s.square / levels[k] ** 2 for k, s in sums.items())
 
 
 def _gap(view: View, place: Mapping[str, int], values: Array, held: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Sides of approach that neither a column nor a move of the joint tells: predictions lie midway between both sides."""
+"""Sides of approach that neither a column nor a move of the joint states: predictions lie midway between both sides."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Index, as_rows
 from errormodel.chain import Chain
-from errormodel.channels import untold_sides
+from errormodel.channels import unknown_sides
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 SIDE = "dir_"
 
 
-def _untold(chain: Chain, table: pd.DataFrame) -> Iterator[tuple[int, Index]]:
-    """Channels of sides that act in a model: their number, and the rows in which nothing tells the side."""
+def _unknown(chain: Chain, table: pd.DataFrame) -> Iterator[tuple[int, Index]]:
+    """Channels of sides that act in a model: their number, and the rows in which nothing states the side."""
     for number, name in enumerate(chain.channels):
-        if name.startswith(SIDE) and len(rows := np.flatnonzero(untold_sides(table, name.removeprefix(SIDE)))):
+        if name.startswith(SIDE) and len(rows := np.flatnonzero(unknown_sides(table, name.removeprefix(SIDE)))):
             yield number, rows
 
 
@@ -32,7 +32,7 @@ def midway(
     predicted: Array,
     predict: Callable[[list[Array], Array], Array],
 ) -> Array:
-    """Predictions (n, 9) of which those from an untold side are the mean of both, half their difference uncertain.
+    """Predictions (n, 9) of which those from an unknown side are the mean of both, half their difference uncertain.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def midway(
     predict : such predictions of other rows, from their channels and labels.
     """
     out = predicted.copy()
-    for number, rows in _untold(chain, table):
+    for number, rows in _unknown(chain, table):
         other = [c[rows] for c in channels]
         other[number] = -other[number]
         half = (predict(as_rows(*other), labels[rows])[:, :6] - predicted[rows, :6]) / 2

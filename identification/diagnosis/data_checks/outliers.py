@@ -12,7 +12,7 @@ from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.estimation.result import Fit
 
 GROSS = 10.0  # standard deviations of one component: Gaussian noise never gets there, knees and local defects rarely
-MOST = 0.15  # of the rows: more is not a handful of accidents
+MOST = 0.15  # of the rows: more is not a handful of accidents; of all squares: one row that holds more is one
 # degrees of freedom of Student's noise; the last is Gaussian
 TAILS = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 30.0, 1000.0)
 NEARLY = 2.0  # log-likelihood by which a heavier tail may be less likely
