@@ -125,11 +125,9 @@ def by_time(
         Times are missing or not in order, a clock was set on the way, or no offset brings the recordings together.
     """
     refuse_backwards(command_times, name)
-    if np.isnan(command_times).any() or (np.diff(command_times) < 0).any():
-        row = int(np.argmax(np.isnan(command_times) | (np.diff(command_times, prepend=command_times[0]) < 0)))
-        raise InputError(
-            f"{name}, row {row + 1}", "a time that is missing or earlier than the one before", "Join by order"
-        )
+    if np.isnan(command_times).any():
+        row = int(np.argmax(np.isnan(command_times)))
+        raise InputError(f"{name}, row {row + 1}", "a time that is missing", "Join by order")
     if len(command_times) > DENSE * len(middle):
         refuse_backwards(when, measured)
         _refuse_two_offsets(path, command_times, points, when, measured, name)
