@@ -28,7 +28,7 @@ from identification.results.residual_projection import Evidence, evidence_of
 MOST_PARAMETERS = 8  # parameters in the table of a finding
 LARGEST_ODDS = "over 1000 times"  # text of larger ratios of probabilities
 # probability of a name, from which the report calls it certain, or likely; by judgement
-SURE_PROBABILITY, LIKELY_PROBABILITY = 0.95, 0.7
+SURE_PROBABILITY, LIKELY_PROBABILITY = 0.9, 0.7
 
 
 def _signs(text: str) -> str:

@@ -35,13 +35,9 @@ _SEARCH, _RESULTS = "identification.diagnosis.search.", "identification.diagnosi
 _FORWARD, _COMPARED = _SEARCH + "forward_selection", _SEARCH + "model_comparison"
 # rule: (module, name there, what it is without the rule)
 LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
-    "fixed-form": ((_SEARCH + "scoring", "ODDS", -FOREVER),),  # and the two that choose among forms that physics fixes
-    "as-good-in-correlated-noise": ((_SEARCH + "scoring", "AS_GOOD", FOREVER),),
     "near-tie": ((_SEARCH + "scoring", "_names", lambda linear, ranked, log: list(ranked)),),
     "two-causes": ((_FORWARD, "_by_two_causes", _none),),
     "refinement-first": ((_FORWARD, "NEAR_BEST", FOREVER),),
-    "left-over": ((_FORWARD, "left_over", _none),),
-    "same-weight": ((_SEARCH + "refinement", "_of_one_weight", _no),),
     "like-contribution": ((_SEARCH + "refinement", "_much_the_same", _no),),
     "share-of-findings": ((_FORWARD, "LEAK", 0.0),),
     "competing-refinement": ((_FORWARD, "COMPETES", FOREVER),),
@@ -51,7 +47,6 @@ LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
     "reselection": ((_FORWARD, "reselect", _same),),
     "superfluous": ((_FORWARD, "backward_eliminate", _same),),
     "nameless-alternative": (("identification.diagnosis.pipeline", "checked_alternative", _same),),
-    "section-of-surface": ((_FORWARD, "with_sections", _same),),
     "strong-alternative": ((_COMPARED, "_alternatives", _nothing),),
     "second-cause": ((_COMPARED, "_second_causes", _nothing),),
     "model-cross-validation": ((_COMPARED, "NO_WORSE", FOREVER),),

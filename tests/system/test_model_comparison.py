@@ -20,7 +20,7 @@ from identification.diagnosis.search.conditional_evidence import conditional_sco
 from identification.diagnosis.search.forward_selection import forward_select, reselect
 from identification.diagnosis.search.model import log_evidence, replayed
 from identification.diagnosis.search.model_comparison import compare_alternatives, empirical_evidence
-from identification.diagnosis.search.refinement import refined, with_sections
+from identification.diagnosis.search.refinement import refined
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import fit_machine
 from tests.helpers.diagnosed import empty_survey, showing
@@ -156,27 +156,6 @@ def test_what_has_a_name_and_explains_much_is_no_form_of_another_finding(
     linear = set_up(fit_machine(machine, showing(survey, machine, [(tilt, [2e-5]), (drift, [shift])], 0.002)))
     model = replayed(linear, [Step(make(tilt), 100.0, 100.0, 0.9)])
     assert refined(model, Step(make(drift), 20.0, 40.0, 0.9)) == parent
-
-
-def test_sections_of_a_surface_are_no_findings_of_their_own() -> None:
-    """What goes with one of the two joints that a finding without a name follows; another motion is another matter."""
-    machine = read_machine("vertical_three_axis")
-    survey = empty_survey(machine, 400, 5, channels=True, grid=False)
-    linear = set_up(fit_machine(machine, survey))
-    (one, _), (_, half) = ((j.name, 0.5 * j.travel[1]) for j in machine.joints[:2])
-    surface = Unnamed(element="Y", motion="dz", driver=one, half_range=500.0, by="Y", by_half_range=500.0)
-    dent = make(EffectSpec("local-defect", {"joint": "Y", "motion": "dz", "at": half, "width": 30.0}))
-    tilt = make(EffectSpec("local-defect", {"joint": "Y", "motion": "dx", "at": half, "width": 30.0}))
-    found = with_sections(replayed(linear, [Step(e, 50.0, 100.0, 0.5) for e in (dent, surface, tilt)]))
-    assert [[s.effect for s in group] for group in found.findings] == [[surface, dent], [tilt]]
-    lone = replayed(linear, [Step(e, 50.0, 100.0, 0.5) for e in (dent, tilt)])
-    assert with_sections(lone) is lone
-    level = make(EffectSpec("higher-order-geometry", {"joint": "Y", "motion": "dz", "degrees": [0]}))
-    line = Unnamed(element="Y", motion="dz", driver=one, half_range=500.0)
-    found = with_sections(replayed(linear, [Step(e, 50.0, 100.0, 0.5) for e in (level, line, surface)]))
-    assert [[s.effect for s in group] for group in found.findings] == [[surface, level, line]]
-    lone = replayed(linear, [Step(e, 50.0, 100.0, 0.5) for e in (level, line)])
-    assert with_sections(lone) is lone  # a curve of one joint is no surface
 
 
 def test_a_surface_over_two_joints_that_turn_is_found() -> None:

@@ -15,10 +15,10 @@ from identification.diagnosis.search.forward_selection import LEAST_EVIDENCE
 Place = tuple[str, str]  # effect and where
 SCORES = ("candidate-score", "optimised-score")
 PREFERENCES = (
-    "near-tie", "fixed-form", "as-good-in-correlated-noise", "little-discrepancy", "most-evidence", "empirical-lead",
+    "near-tie", "most-evidence", "empirical-lead",
     "explains-as-much", "idle-parameters",
 )  # fmt: skip
-ACCEPTED_BY = ("cross-validation", "second-sensor", "section-of-surface")  # rules that make something part of a finding
+ACCEPTED_BY = ("cross-validation", "second-sensor")  # rules that make something part of a finding
 FOUND, DATA_CHECK = "found", "found by a check of the data"
 ALTERNATIVE, MERGED, CONTRADICTED, TAKEN_OUT = "alternative", "part of a finding", "contradicted", "taken out"
 REFUSED, BEHIND, EXPLAINED, LOW = "refused", "not preferred", "explained", "too little evidence"

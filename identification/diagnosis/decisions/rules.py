@@ -146,18 +146,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             "Named effects near the best one, also in correlated noise, are weighed by preference.",
             _in(_SCORING, "CLEARLY", "NEAR"),
         ),
-        "fixed-form": Rule(
-            SELECTION, EVIDENCE, "Among near-ties a form that physics fixes comes before one that follows any curve.",
-            _in(_SCORING, "ODDS"),
-        ),
-        "as-good-in-correlated-noise": Rule(
-            SELECTION, EVIDENCE, "Among near-ties those that correlated noise explains as well come later.",
-            _in(_SCORING, "AS_GOOD"),
-        ),
-        "little-discrepancy": Rule(
-            SELECTION, DELTA, "Among near-ties those come first that explain as much by their textbook form alone.",
-            _in(_SCORING, "FORM"),
-        ),
         "most-evidence": Rule(
             SELECTION, EVIDENCE, "Of the near-ties that are left, that with most evidence in correlated noise is first."
         ),
@@ -186,21 +174,12 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             SELECTION, "", "What moves the same by the same driver is a refinement of that finding.",
             _in(_REFINED, "DISTINCT", "OWN"),
         ),
-        "same-weight": Rule(
-            SELECTION, DELTA,
-            "What one weight does to one member in several motions is one finding.",
-            _in(_REFINED, "OWN")
-        ),
         "like-contribution": Rule(
             SELECTION, "canonical correlation", "What does nearly the same to the rows as a finding refines it.",
             _in(_REFINED, "ALIKE", "OWN"),
         ),
         "remainder-of-surface": Rule(
             SELECTION, "", "What follows one driver of an empirical form over two refines that form."
-        ),
-        "left-over": Rule(
-            SELECTION, DELTA, "What explains little of a finding at its place by its drivers is left over from it.",
-            _in(_REFINED, "LEFT"),
         ),
         "detection": Rule(
             SELECTION, EVIDENCE, "The evidence less the trials factor must be clear.", _in(_SCORING, "DETECT")
@@ -249,10 +228,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "superfluous-by-cross-validation": Rule(
             SELECTION, ERRORS, "It stays where blocks of rows are predicted worse without it.", _in(_FORWARD, "HARDLY")
-        ),
-        "section-of-surface": Rule(
-            SELECTION, DELTA, "A finding that is a section of an empirical form over two joints is part of it.",
-            _in(_REFINED, "OWN"),
         ),
         # ---- model comparison
         "strong-alternative": Rule(
@@ -303,7 +278,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         # ---- probability of a name
         "name-probability": Rule(
             NAMES, "probability", "Evidence and prior odds of classes give the probability of each name.",
-            _in(_FINDINGS, "TEMPER", "FORM_ODDS", "FLEXIBLE_ODDS", "CHOSEN", "UNKNOWN", "MOST_SURE"),
+            _in(_FINDINGS, "FORM_ERROR", "FORM_ODDS", "FLEXIBLE_ODDS", "CHOSEN", "UNKNOWN"),
         ),
         "unlikely-name": Rule(
             NAMES, "probability", "A name that is less likely than not is none.", _in(_FINDINGS, "EVEN"),

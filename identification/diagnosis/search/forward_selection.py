@@ -20,14 +20,7 @@ from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.conditional_evidence import MOST_ALTERNATIVES_TRIED, conditional_scores
 from identification.diagnosis.search.criteria import base_channels, heldout_rms, log_likelihood_gain
 from identification.diagnosis.search.model import EffectModel, log_evidence, of_groups, replayed, with_step
-from identification.diagnosis.search.refinement import (
-    forms,
-    is_departure,
-    left_over,
-    refined,
-    refinement_of,
-    with_sections,
-)
+from identification.diagnosis.search.refinement import forms, is_departure, refined, refinement_of
 from identification.diagnosis.search.scoring import DETECT, FORM, Step, accepted, choose
 from identification.diagnosis.search.sensor_pairs import best_pair
 from identification.diagnosis.search.shape_fit import optimise_shapes
@@ -100,7 +93,7 @@ def forward_select(
             seen.add(_causes(model))
     else:
         log.add("most-steps", "refused", None, len(model.steps), MOST_STEPS)
-    return conditional_scores(with_sections(backward_eliminate(model, log), log), candidates, log)
+    return conditional_scores(backward_eliminate(model, log), candidates, log)
 
 
 def _others(groups: Sequence[Sequence[Step]], group: Sequence[Step]) -> str:
@@ -144,9 +137,9 @@ def add_best(model: EffectModel, likely: Likely, log: DecisionLog = UNRECORDED) 
     if own is None:  # before a new finding, try it as a refinement of an existing one
         could = [(s, refined(model, s)) for s in steps if s.evidence > NEAR_BEST * best.evidence]
         others = [s for s, k in could if k is not None and is_departure(model, k, best.effect)]
-        first, best = best, max(others, key=lambda s: s.evidence, default=best)
-        own, rule = refinement_of(model, best) if others else (left_over(model, best), "left-over")
         if others:
+            first, best = best, max(others, key=lambda s: s.evidence)
+            own, rule = refinement_of(model, best)
             least = NEAR_BEST * first.evidence
             log.add("refinement-first", "preferred", best.effect, best.evidence, least, beside=first.effect)
     if own is not None:

@@ -14,10 +14,9 @@ from errormodel.effects.base import Effect
 from errormodel.effects.travel import legendre
 from errormodel.effects.unnamed import Unnamed
 from errormodel.machine import Joint
-from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.criteria import base_channels, canonical_correlation, moves, one_sensor
-from identification.diagnosis.search.model import EffectModel, of_groups
+from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.scoring import Step
 
 PIECES = 10  # of each joint's range, of a surface; of a period
@@ -26,7 +25,6 @@ OVERTONES = (1, 2, 3, 5)  # steps have the odd ones
 SMOOTH = 8  # functions of one position
 CHANGES = 4  # of them, by which the size of a wave changes along the travel
 ALIKE = 0.6  # correlation beyond which a later effect is a further form of an earlier finding
-LEFT = 0.05  # of what a finding explains: no more is no other effect with its drivers at its place
 OWN = 0.3  # of what a finding explains: as much is no departure from its form
 DISTINCT = {"feed", "load", "point_x", "point_y", "point_z"}  # what follows them is no form of what does not
 DEPARTURES = {
@@ -181,8 +179,6 @@ def refinement_of(model: EffectModel, step: Step) -> tuple[int | None, str]:
             if apart(one, other) and not is_departure(model, k, other):
                 continue
             return k, "same-motion-and-driver"
-        if there and _of_one_weight(one, other) and is_departure(model, k, other):
-            return k, "same-weight"  # a weight that twists a beam also bends it: one cause in several motions
         if not (one.random or other.random) and _much_the_same(model, one, other):
             if other.empirical or one_sensor(one, other) or is_departure(model, k, other):
                 return k, "like-contribution"
@@ -203,50 +199,11 @@ def distinct(one: Effect, other: Effect) -> bool:
     )
 
 
-def left_over(model: EffectModel, step: Step) -> int | None:
-    """The finding of whose place and drivers a further effect is, if it explains less than `LEFT` of it."""
-    for k, earlier in enumerate(model.steps):
-        one, other = earlier.effect, step.effect
-        near = one.where == other.where and base_channels(other) <= base_channels(one) | {one.where}
-        if earlier.parent is None and near and is_departure(model, k, other, LEFT):
-            return k
-    return None
-
-
-def is_departure(model: EffectModel, number: int, effect: Effect, share: float = OWN) -> bool:
-    """Whether a further effect explains less than `share` of a finding: it may be the finding's discrepancy."""
+def is_departure(model: EffectModel, number: int, effect: Effect) -> bool:
+    """Whether a further effect explains less than `OWN` of a finding: it may be the finding's discrepancy."""
     group = [s for k, s in enumerate(model.steps) if number in (k, s.parent)]
     explained = model.without(group).square - model.linear.square
-    return model.linear.square - model.linear.square_with(effect) < share * explained
-
-
-def with_sections(model: EffectModel, log: DecisionLog = UNRECORDED) -> EffectModel:
-    """The model in which empirical terms over two joints take findings over one of these joints: sections of a surface.
-
-    A finding is merged if it acts in the same motion, or explains less than `OWN` of the surface. A wave in another
-    motion is not merged.
-    """
-    linear, groups = model.start, model.findings
-    surfaces = [k for k, (main, *_) in enumerate(groups) if _is_surface(main.effect)]
-    explained = [model.without(g).square - model.linear.square if surfaces else 0.0 for g in groups]
-
-    def section(k: int, n: int) -> bool:
-        part, wide = groups[k][0].effect, groups[n][0].effect
-        if not base_channels(part) < base_channels(wide) or (part.random and not wide.random):
-            return False
-        return bool(_motions(linear, wide, part)) or (part.shape != "period" and explained[k] < OWN * explained[n])
-
-    taken: dict[int, int] = {}  # section -> surface; none of these is one itself, as no form follows more than two
-    for k in range(len(groups)):
-        if (n := next((n for n in surfaces if section(k, n)), None)) is not None:
-            taken[k] = n
-    if not taken:
-        return model
-    for k, n in taken.items():
-        share, whole = ratio(explained[k], explained[n]), groups[n][0].effect
-        log.add("section-of-surface", "merged", groups[k][0].effect, share, OWN, beside=whole)
-    kept = [k for k in range(len(groups)) if k not in taken]
-    return of_groups(linear, [[*groups[k], *(s for n, w in taken.items() if w == k for s in groups[n])] for k in kept])
+    return model.linear.square - model.linear.square_with(effect) < OWN * explained
 
 
 def _is_surface(effect: Effect) -> bool:
@@ -270,11 +227,6 @@ def _much_the_same(model: EffectModel, one: Effect, other: Effect) -> bool:
 def _motions(linear: LinearModel, one: Effect, other: Effect) -> set[str]:
     """Motions that both make, at whatever elements."""
     return {m for _, m in moves(linear, one)} & {m for _, m in moves(linear, other)}
-
-
-def _of_one_weight(one: Effect, other: Effect) -> bool:
-    """Whether the second of two effects may be the same weight's on the same member: nothing else need move for it."""
-    return one.family == other.family == "gravity" and base_channels(other) <= base_channels(one)
 
 
 def apart(one: Effect, other: Effect) -> bool:

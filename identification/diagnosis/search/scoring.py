@@ -16,10 +16,6 @@ from identification.diagnosis.search.criteria import base_channels
 DETECT = 4.6  # log Bayes factor beyond the trials factor, odds of 100 to 1: of 300 empty surveys the best had 3.4
 CLEARLY = 6.0  # log Bayes factor by which an empirical term must lead physics that has a name
 NEAR = 0.1  # of the best evidence
-# log prior odds of physics of a fixed form, without discrepancy, against an effect that follows any smooth curve: right
-# in 56 of the 66 decisions that it made in three seeds of the proof (141421, 17320508 and 2236067)
-ODDS = 1.0
-AS_GOOD = 2.3  # log Bayes factor: odds below 10 to 1
 STIFF = 2  # parameters of an empirical term that can hardly adapt: a line, or a product of two
 FORM = 0.85  # share of the best empirical term's delta chi-squared that a name must explain: such terms fit anything
 ANOTHER_CAUSE = 0.95  # the same where another channel drives the empirical line
@@ -107,8 +103,7 @@ def _preferred(step: Step, other: Step, log: DecisionLog) -> Step:
 def _names(linear: LinearModel, ranked: Sequence[Step], log: DecisionLog) -> list[Step]:
     """Named effects in order of preference.
 
-    Near-ties are ranked by their log Bayes factor under correlated noise. Among these, effects of a fixed form with
-    little discrepancy come before effects that follow any smooth curve.
+    Near-ties are ranked by their log Bayes factor under correlated noise.
     """
     if len(ranked) < 2:
         return list(ranked)
@@ -123,19 +118,7 @@ def _names(linear: LinearModel, ranked: Sequence[Step], log: DecisionLog) -> lis
     log.set_aside(
         "near-tie", near, [s for s in near if s.evidence > least], lambda s: s.evidence, least, near[0].effect
     )
-    near = sorted((s for s in near if s.evidence > least), key=lambda s: -left[id(s)])
-    most = max(s.delta_chi2 - s.delta_chi2_of_form for s in near)
-    least = max((s.evidence - s.evidence_of_form for s in near if s.effect.flexible), default=-np.inf) - ODDS
-    own = [s for s in near if not s.effect.flexible and s.evidence - s.evidence_of_form > least]
-    good = [s for s in own if left[id(s)] > left[id(own[0])] - AS_GOOD]
-    first = [s for s in good if s.delta_chi2 - s.delta_chi2_of_form >= FORM * most]
-    if first:
-        best, enough = first[0].effect, left[id(own[0])] - AS_GOOD
-        log.set_aside("fixed-form", near, own, lambda s: s.evidence - s.evidence_of_form, least, best)
-        log.set_aside("as-good-in-correlated-noise", own, good, lambda s: left[id(s)], enough, best)
-        shares = {id(s): ratio(s.delta_chi2 - s.delta_chi2_of_form, most) for s in good}
-        log.set_aside("little-discrepancy", good, first, lambda s: shares[id(s)], FORM, best)
-    first = first or near
+    first = sorted((s for s in near if s.evidence > least), key=lambda s: -left[id(s)])
     log.set_aside("most-evidence", first, first[:1], lambda s: left[id(s)], left[id(first[0])], first[0].effect)
     return [*first, *(s for s in ranked if s not in first)]
 
