@@ -43,18 +43,6 @@ def test_a_story_gains_by_what_is_there_and_loses_by_what_is_not() -> None:
     assert told(truth, play) < told(truth)
 
 
-@pytest.mark.parametrize(("bend", "parent"), [(0.01, 0), (0.1, None)])
-def test_a_beam_that_twists_also_bends_a_little(bend: float, parent: int | None) -> None:
-    """And is one finding; what bends it more than it twists it is another."""
-    machine = read_machine("bridge_cmm")
-    survey = empty_survey(machine, 400, 11, channels=True, grid=False)
-    twist = EffectSpec("beam-torsion", {"joint": "X", "load_joint": "Z"})
-    sag = EffectSpec("beam-sag", {"joint": "X", "motion": "dy"})
-    linear = set_up(fit_machine(machine, showing(survey, machine, [(twist, [1e-4]), (sag, [bend])], 0.002)))
-    model = replayed(linear, [Step(make(twist), 100.0, 100.0, 0.9)])
-    assert refined(model, Step(make(sag), 20.0, 40.0, 0.9)) == parent
-
-
 def test_a_refinement_that_is_what_the_finding_should_be_called() -> None:
     """A head that drifts, first taken for air that bends the beam: of the two only the one remains."""
     machine = read_machine("vertical_three_axis")

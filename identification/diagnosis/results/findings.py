@@ -156,12 +156,12 @@ class Diagnosis:
 
 
 SEPARABLE = 2.0  # decimal logarithm of the Bayes factor beyond which the data distinguish two explanations
-# The prior odds are calibrated on findings of the proof: 389 (seeds 69069 and 271828) by their Brier score; the three
+# FORM_ODDS is calibrated on findings of the proof: 389 (seeds 69069 and 271828) by their Brier score; the four
 # others on 255 findings of three simulators by other authors, by their likelihood. Fitted to two of these and tried on
-# the third: log likelihood -125 (-162 with a temper of at most 2), Brier score 0.079 (0.098).
-FORM_ERROR = 0.3  # error of a textbook form, relative to the whole of an effect, as far as it looks like another form
+# the third: log likelihood -125 (-162 with a temper of at most 2), Brier score 0.08 (0.10).
+FORM_ERROR = 0.25  # error of a textbook form, relative to the whole of an effect, as far as it looks like another form
 FORM_ODDS = 6.0  # log prior odds of named physics against an empirical term
-FLEXIBLE_ODDS = 2.5  # log prior odds of an effect of fixed form against one that follows any smooth curve
+FLEXIBLE_ODDS = 2.0  # log prior odds of an effect of fixed form against one that follows any smooth curve
 CHOSEN = 3.0  # log odds of the preferred step among near-ties: least discrepancy, no correlated noise
 EVEN = 0.5  # probability of a name beside one that no reading could tell from it; one that is less likely is none
 CHANCE = "none"
