@@ -19,7 +19,7 @@ from identification.diagnosis.search.criteria import (
     heldout_rms,
     one_sensor,
 )
-from identification.diagnosis.search.scoring import ANOTHER_CAUSE, CLEARLY, DETECT, FORM, Step, accepted, choose
+from identification.diagnosis.search.scoring import CLEARLY, DETECT, FORM, Step, accepted, choose
 from tests.helpers.chains import Array
 
 ROWS = 48
@@ -124,21 +124,6 @@ DECIDES = {  # the criterion: a name that it admits, one that differs in that al
         step(BEHIND, 100 * FORM + 0.1),
         step(BEHIND, 100 * FORM - 0.1),
         step(50.0, 100.0, form=True),
-    ),
-    "what it explains without bending": (
-        step(BEHIND, 95.0, delta_chi2_of_form=9.9),
-        step(BEHIND, 95.0, delta_chi2_of_form=10.1),
-        step(50.0, 100.0, form=True, count=2),
-    ),
-    "the cause of a straight form": (
-        step(BEHIND, 90.0, drivers=("load",)),
-        step(BEHIND, 90.0, drivers=("X",)),
-        step(50.0, 100.0, form=True, drivers=("load",)),
-    ),
-    "nearly all of a straight form of another cause": (
-        step(BEHIND, 100 * ANOTHER_CAUSE + 0.1),
-        step(BEHIND, 100 * ANOTHER_CAUSE - 0.1),
-        step(50.0, 100.0, form=True, drivers=("load",)),
     ),
     "parameters that are not idle": (
         step(BEHIND, 104.0, count=3),

@@ -134,7 +134,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "least-evidence": Rule(
             SELECTION, EVIDENCE,
             "Where no candidate has as much evidence the search ends.",
-            _in(_FORWARD, "LEAST_EVIDENCE")
+            _in(_SCORING, "CLEARLY")
         ),
         "optimised-score": Rule(
             SELECTION, EVIDENCE,
@@ -154,7 +154,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "explains-as-much": Rule(
             SELECTION, DELTA, "A named effect that explains nearly as much as an empirical term comes before it.",
-            _in(_SCORING, "FORM", "STIFF", "ANOTHER_CAUSE"),
+            _in(_SCORING, "FORM"),
         ),
         "idle-parameters": Rule(
             SELECTION, "delta chi-squared", "Parameters that the empirical term does without must gain something.",
@@ -163,7 +163,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "two-causes": Rule(
             SELECTION, DELTA,
             "A thermal effect with two sensors or lags that explains as much comes before an empirical term.",
-            _in(_SCORING, "FORM") + _in(_FORWARD, "LEAST_EVIDENCE"),
+            _in(_SCORING, "FORM", "CLEARLY"),
         ),
         "refinement-first": Rule(
             SELECTION, EVIDENCE,
@@ -182,11 +182,11 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             SELECTION, "", "What follows one driver of an empirical form over two refines that form."
         ),
         "detection": Rule(
-            SELECTION, EVIDENCE, "The evidence less the trials factor must be clear.", _in(_SCORING, "DETECT")
+            SELECTION, EVIDENCE, "The evidence less the trials factor must be clear.", _in(_SCORING, "DECISIVE_ODDS")
         ),
         "detection-in-correlated-noise": Rule(
             SELECTION, EVIDENCE, "The same less what correlated noise and the discrepancy would explain as well.",
-            _in(_SCORING, "DETECT") + _in("search.correlated_noise", "WHITE", "LONGEST", "PART", "LARGEST"),
+            _in(_SCORING, "DECISIVE_ODDS") + _in("search.correlated_noise", "WHITE", "LONGEST", "PART", "LARGEST"),
         ),
         "share-of-findings": Rule(
             SELECTION, DELTA,
@@ -197,7 +197,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "most-steps": Rule(SELECTION, COUNT, "No more effects than this.", _in(_FORWARD, "MOST_STEPS")),
         "refinement-below-detection": Rule(
             SELECTION, EVIDENCE, "Below the level of a finding, the best refinement of one is tried.",
-            _in(_FORWARD, "LEAST_EVIDENCE"),
+            _in(_SCORING, "CLEARLY"),
         ),
         "competing-refinement": Rule(
             SELECTION, EVIDENCE, "Refinements of one finding with enough evidence compete by cross-validation.",
@@ -211,7 +211,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "second-sensor": Rule(
             SELECTION, EVIDENCE, "A second sensor or lag is added where it has evidence and predicts better.",
-            _in(_FORWARD, "LEAST_EVIDENCE"),
+            _in(_SCORING, "CLEARLY"),
         ),
         "step-function": Rule(
             SELECTION, "log evidence (Schwarz)",
@@ -224,7 +224,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "seen-before": Rule(SELECTION, "", "A renaming that leads back to an earlier model is not made."),
         "superfluous": Rule(
             SELECTION, EVIDENCE, "A finding is taken out that is not clear beside later ones.",
-            _in(_FORWARD, "SHAPES_TRIED") + _in(_SCORING, "DETECT"),
+            _in(_FORWARD, "SHAPES_TRIED") + _in(_SCORING, "DECISIVE_ODDS"),
         ),
         "superfluous-by-cross-validation": Rule(
             SELECTION, ERRORS, "It stays where blocks of rows are predicted worse without it.", _in(_FORWARD, "HARDLY")
@@ -232,12 +232,12 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         # ---- model comparison
         "strong-alternative": Rule(
             COMPARISON, EVIDENCE, "The search is repeated from an alternative whose evidence is no further behind.",
-            _in(_COMPARED, "SERIOUS", "OF_EMPIRICAL", "MOST_ALTERNATIVES", "OF_REFINED") + _in(_SCORING, "NEAR"),
+            _in(_SCORING, "CLEARLY", "NEAR"),
         ),
         "second-cause": Rule(
             COMPARISON, EVIDENCE,
             "It is repeated with a second cause where refinements of a finding have much evidence.",
-            _in(_COMPARED, "SERIOUS", "SLIGHT") + _in(_REFINED, "OWN"),
+            _in(_COMPARED, "SLIGHT") + _in(_SCORING, "CLEARLY") + _in(_REFINED, "OWN"),
         ),
         "search-from": Rule(COMPARISON, "", "An effect that a repeated search begins with."),
         "model-evidence": Rule(
@@ -273,7 +273,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "uncontradicted-alternative": Rule(
             WITNESSES, EVIDENCE,
             "It is replaced by an alternative with so much evidence that no witness contradicts.",
-            _in(_WITNESSES, "LEAST_EVIDENCE_INSTEAD"),
+            _in(_SCORING, "CLEARLY"),
         ),
         # ---- probability of a name
         "name-probability": Rule(
@@ -289,7 +289,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "remainder-of-name": Rule(
             NAMES, RATIO, "An effect has no name if as much is clearly left that a function without one explains.",
-            _in(_REFINED, "OWN") + _in(_SCORING, "DETECT"),
+            _in(_REFINED, "OWN") + _in(_SCORING, "DECISIVE_ODDS"),
         ),
         "physical-bound": Rule(
             NAMES, "standard uncertainties", "A parameter beyond what physics allows takes the name from a finding.",
@@ -302,7 +302,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "distinguishable": Rule(
             NAMES, "decimal logarithm of the Bayes factor",
             "Beyond it the data distinguish an alternative from the finding.",
-            _in(_FINDINGS, "SEPARABLE"),
+            _in(_SCORING, "DECISIVE_ODDS"),
         ),
         "unresolved-name": Rule(
             NAMES, "probability", "A name is no surer than this beside one that repeats between positions.",
@@ -331,12 +331,12 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         # ---- verdict
         "lack-of-fit-by-repeats": Rule(
             VERDICT, "ratio of variances", "Residuals that exceed the scatter of repeated poses are unexplained.",
-            _in("results.pure_error", "MISFIT_P", "MISFIT_RATIO", "LEAST"),
+            _in("results.pure_error", "LEAST_P_VALUE", "MISFIT_RATIO", "LEAST"),
         ),
         "lack-of-fit-by-declared-uncertainty": Rule(
             VERDICT, "reduced chi-squared",
             "Without repeats, residuals that exceed the declared uncertainty are unexplained.",
-            _in("results.pure_error", "MISFIT_P", "MISFIT_RATIO"),
+            _in("results.pure_error", "LEAST_P_VALUE", "MISFIT_RATIO"),
         ),
         "few-degrees-of-freedom": Rule(
             VERDICT, COUNT, "With few degrees of freedom left, what is left cannot be told from noise: not judged.",
@@ -348,11 +348,11 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "wandering-motion": Rule(
             VERDICT, "p-value", "A motion that wanders in time more than correlated noise does is unexplained.",
-            _in("results.residual_dependence", "LEAST_P_VALUE"),
+            _in("results.pure_error", "LEAST_P_VALUE"),
         ),
         "dependence-of-residuals": Rule(
             VERDICT, "p-value", "What is left is unexplained if one or two recorded channels predict it.",
-            _in("results.residual_dependence", "LEAST_P_VALUE", "LEAST_SHARE"),
+            _in("results.pure_error", "LEAST_P_VALUE") + _in("results.residual_dependence", "LEAST_SHARE"),
         ),
     }
 )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -17,7 +18,7 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.row_residuals import ReadingSizes
 from identification.diagnosis.results.effect_size import Amount
 from identification.diagnosis.results.residual_dependence import Dependence
-from identification.diagnosis.search.scoring import FORM, Step
+from identification.diagnosis.search.scoring import DECISIVE_ODDS, FORM, Step
 from identification.estimation.result import noise_bounds
 
 SCHEMA = "errormodel.diagnosis/1"
@@ -155,7 +156,7 @@ class Diagnosis:
         }
 
 
-SEPARABLE = 2.0  # decimal logarithm of the Bayes factor beyond which the data distinguish two explanations
+SEPARABLE = math.log10(DECISIVE_ODDS)  # decimal logarithm of the Bayes factor that distinguishes two explanations
 # FORM_ODDS is calibrated on findings of the proof: 389 (seeds 69069 and 271828) by their Brier score; the four
 # others on 255 findings of three simulators by other authors, by their likelihood. Fitted to two of these and tried on
 # the third: log likelihood -125 (-162 with a temper of at most 2), Brier score 0.08 (0.10).

@@ -16,7 +16,8 @@ from identification.observation.readings import ReadingView
 
 SAME_LENGTH, SAME_ANGLE = 0.02, 2e-5  # mm, rad: commands as near as that are one pose; the model takes out the rest
 LEAST = 10  # repeats, below which they say nothing
-MISFIT_P, MISFIT_RATIO = 1e-3, 1.3  # chance, and ratio of variances, from which residuals are more than noise
+LEAST_P_VALUE = 1e-3  # chance below which residuals are more than noise: one false one in 1000 surveys
+MISFIT_RATIO = 1.3  # ratio of variances from which they are
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def repeats_of(fit: Fit) -> Repeats | None:
     rest, m = dof_all - dof, int(np.isfinite(within).sum())
     freedom = rest / (1 + tails * rest / int(seen.sum())), dof / (1 + tails * dof / m)
     p_value = float(fdtrc(*freedom, (square - pure) / rest / (pure / dof)))
-    misfit = ratio > MISFIT_RATIO and p_value < MISFIT_P
+    misfit = ratio > MISFIT_RATIO and p_value < LEAST_P_VALUE
     sigma = float(np.sqrt(np.nansum(scatter**2) / max(measured, 1)))
     return Repeats(poses, count, sigma, float(ratio), p_value, misfit, bool(np.isfinite(fit.residuals).any()))
 

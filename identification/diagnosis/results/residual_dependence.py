@@ -25,11 +25,11 @@ from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
+from identification.diagnosis.results.pure_error import LEAST_P_VALUE
 from identification.diagnosis.results.recorded_functions import CLOCK, Functions, only, recorded
 from identification.diagnosis.search.criteria import heldout_rms
 from identification.estimation.noise import Noise, likeliest, series_edges
 
-LEAST_P_VALUE = 1e-3  # below which the dependence is reported: one false one in 1000 surveys
 FEWEST_ROWS, MOST_ROWS = 40, 800  # rows below which nothing is tested, and above which they are thinned out
 AT_ONCE = 1000  # functions whose statistics are kept at a time
 RESAMPLES = 199  # of each kind; the tail beyond is extrapolated

@@ -11,7 +11,7 @@ from identification.diagnosis.data_checks.blunder import listed
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.row_residuals import spread, vectors
 from identification.diagnosis.results.findings import Finding
-from identification.diagnosis.results.pure_error import MISFIT_P, MISFIT_RATIO, repeats_of, whitened
+from identification.diagnosis.results.pure_error import LEAST_P_VALUE, MISFIT_RATIO, repeats_of, whitened
 from identification.diagnosis.results.residual_dependence import Dependence
 from identification.diagnosis.results.wandering import wandering_text
 from identification.estimation.checks import FEW_DOF
@@ -157,7 +157,7 @@ def _exceeds_declared(fit: Fit) -> bool:
     s = fit.solution
     if not _declared(fit) or s.dof <= 0:
         return False
-    return bool(chdtrc(s.dof, s.chi2) < MISFIT_P and s.chi2 / s.dof > MISFIT_RATIO)
+    return bool(chdtrc(s.dof, s.chi2) < LEAST_P_VALUE and s.chi2 / s.dof > MISFIT_RATIO)
 
 
 def _declared(fit: Fit) -> bool:

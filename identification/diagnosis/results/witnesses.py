@@ -25,14 +25,13 @@ from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.statements import subject
 from identification.diagnosis.search.model import EffectModel, of_groups
-from identification.diagnosis.search.scoring import Step
+from identification.diagnosis.search.scoring import CLEARLY, Step
 
 ENCODER = re.compile(r"enc(oder)?\d*|scale|ruler", re.IGNORECASE)
 LEVEL = re.compile(r"(spirit)?level\d*|tilt|incl(inometer)?", re.IGNORECASE)
 SEEN = 6.0  # standard errors from which a witness supports a finding
 LITTLE = 0.3  # of the predicted motion: a witness that certainly shows less contradicts the finding
 AGREES = 10.0  # Bayes factor of each supporting witness
-LEAST_EVIDENCE_INSTEAD = 7.0  # log Bayes factor that an alternative must have to replace a contradicted finding
 
 Agreement = Literal["supports", "contradicts"]
 
@@ -120,7 +119,7 @@ def apply_witnesses(
             new = _instead(linear, group[0], seen)
             if not new:
                 continue
-            least = max(LEAST_EVIDENCE_INSTEAD, group[0].evidence / 2)
+            least = max(CLEARLY, group[0].evidence / 2)
             instead = new[0].effect, new[0].evidence, least
             log.add("uncontradicted-alternative", "kept", *instead, beside=group[0].effect)
             named = subject(group[0].effect)
@@ -201,9 +200,7 @@ def _instead(linear: LinearModel, step: Step, seen: Sequence[Witness]) -> list[S
     """The best alternative of a contradicted step that no witness contradicts, named effects first; or nothing."""
     for empirical in (False, True):
         for alternative in step.alternatives:
-            if alternative.effect.empirical is not empirical or alternative.evidence < max(
-                LEAST_EVIDENCE_INSTEAD, step.evidence / 2
-            ):
+            if alternative.effect.empirical is not empirical or alternative.evidence < max(CLEARLY, step.evidence / 2):
                 continue
             alone = replace(
                 alternative, delta_chi2=linear.delta_chi2(linear.with_effect(alternative.effect)), partner=()

@@ -1,7 +1,7 @@
 """Comparison of whole models by their log evidence: searches that start from the alternatives of a finding.
 
 Forward selection is greedy: two effects together can look most like a third one, whose refinements then take up the
-rest. The search is therefore repeated from each strong alternative of a finding that needed refinements, and from a
+rest. The search is therefore repeated from the strongest alternative of a finding that needed refinements, and from a
 second cause where much of a finding was taken for its discrepancy. The model with the most evidence is kept.
 """
 
@@ -25,10 +25,6 @@ from identification.diagnosis.search.shape_fit import optimise_shapes
 from identification.runtime.parallel import parallel_map
 from identification.runtime.progress import Progress, silent
 
-SERIOUS = 7.0  # log Bayes factor by which an alternative may be behind
-MOST_ALTERNATIVES = 2  # of a finding, from which the search is repeated
-OF_REFINED = 3  # the same of a refined finding; its alternatives may be behind by `NEAR` of the evidence too
-OF_EMPIRICAL = 0.3  # in place of `NEAR` for an empirical term: it may stand for two effects at once
 SLIGHT = 0.03  # of a finding's evidence: smaller refinements of a large finding are no second cause
 NO_WORSE = 1.02  # times the cross-validation error: smaller differences are chance
 
@@ -89,30 +85,22 @@ def empirical_evidence(model: EffectModel) -> float:
 
 
 def _alternatives(model: EffectModel, log: DecisionLog) -> Iterator[tuple[Step, list[Step]]]:
-    """Strong alternatives, each as a step of its own, with the other findings to search from."""
+    """The best alternative of each finding where it is strong, as a step, with the other findings to search from."""
     groups = model.findings
     if len(model.steps) < 2:
         return
-    for group in groups:
-        main = group[0]
-        seen = {main.effect.effect}
+    for main, *refinements in groups:
         others = [g[0] for g in groups if g[0] is not main]
-        linear = model.without(group)
-        refined = len(group) > 1
-        near = OF_EMPIRICAL if main.effect.empirical else NEAR
-        least = main.marginal - (max(SERIOUS, near * main.marginal) if refined else SERIOUS)
-        for alternative in sorted(main.alternatives, key=lambda r: -r.evidence):
-            effect = alternative.effect
-            if effect.empirical or effect.effect in seen or alternative.evidence < least:
-                continue
-            seen.add(effect.effect)
-            if len(seen) > (OF_REFINED if refined else MOST_ALTERNATIVES) + 1:
-                break
-            own = score_of(linear, effect)
-            assert own is not None  # it was scored before
-            _, gained, absorbed = own
-            log.add("strong-alternative", "examined", effect, alternative.evidence, least, beside=main.effect)
-            yield replace(alternative, delta_chi2=gained, absorbed=absorbed), others
+        least = main.marginal - max(CLEARLY, NEAR * main.marginal if refinements else 0.0)
+        able = (a for a in main.alternatives if not a.effect.empirical and a.effect.effect != main.effect.effect)
+        best = max(able, key=lambda a: a.evidence, default=None)
+        if best is None or best.evidence < least:
+            continue
+        own = score_of(model.without([main, *refinements]), best.effect)
+        assert own is not None  # it was scored before
+        _, gained, absorbed = own
+        log.add("strong-alternative", "examined", best.effect, best.evidence, least, beside=main.effect)
+        yield replace(best, delta_chi2=gained, absorbed=absorbed), others
 
 
 def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog) -> Iterator[list[Step]]:
@@ -122,7 +110,7 @@ def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog)
     """
     groups = model.findings
     for main, *more in groups:
-        if sum(s.evidence for s in more) < max(SERIOUS, SLIGHT * main.evidence):
+        if sum(s.evidence for s in more) < max(CLEARLY, SLIGHT * main.evidence):
             continue
         others = [g[0] for g in groups if g[0] is not main]
         likely = optimise_shapes(model.without(more), candidates, MOST_ALTERNATIVES_TRIED)
@@ -134,10 +122,10 @@ def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog)
         for steps in (elsewhere, named):
             able = (s for s in steps if _another_cause(main.effect, s.effect))
             second = replace(max(able, key=lambda s: s.evidence, default=main), parent=None)
-            if second.evidence < SERIOUS or second.effect.key in begun:
+            if second.evidence < CLEARLY or second.effect.key in begun:
                 continue
             begun.add(second.effect.key)
-            log.add("second-cause", "examined", second.effect, second.evidence, SERIOUS, beside=main.effect)
+            log.add("second-cause", "examined", second.effect, second.evidence, CLEARLY, beside=main.effect)
             first = _named(main, model.start, [*others, second], candidates) if main.effect.empirical else main
             yield [*others, first, second]
 

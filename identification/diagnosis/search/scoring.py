@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,14 +12,14 @@ from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
-from identification.diagnosis.search.criteria import base_channels
 
-DETECT = 4.6  # log Bayes factor beyond the trials factor, odds of 100 to 1: of 300 empty surveys the best had 3.4
-CLEARLY = 6.0  # log Bayes factor by which an empirical term must lead physics that has a name
+DECISIVE_ODDS = 100.0  # beyond the trials factor: of 300 empty surveys the best had 30
+DETECT = math.log(DECISIVE_ODDS)
+CLEARLY = (
+    7.0  # log Bayes factor of clear evidence, odds of 1000 to 1: less is not examined, and decides between no names
+)
 NEAR = 0.1  # of the best evidence
-STIFF = 2  # parameters of an empirical term that can hardly adapt: a line, or a product of two
 FORM = 0.85  # share of the best empirical term's delta chi-squared that a name must explain: such terms fit anything
-ANOTHER_CAUSE = 0.95  # the same where another channel drives the empirical line
 
 
 @dataclass(frozen=True)
@@ -68,23 +69,11 @@ def choose(linear: LinearModel, steps: Sequence[Step], log: DecisionLog = UNRECO
 
     def explains_as_much(name: Step) -> bool:
         idle = name.count - forms[0].count  # parameters that the name has and the form does without
-        stiff = forms[0].count <= STIFF
-        of_form = name.delta_chi2_of_form if stiff else 0.0  # a discrepancy may not stand in for what a line explains
-        as_much = name.delta_chi2 - of_form >= FORM * forms[0].delta_chi2
-        share, least = ratio(name.delta_chi2 - of_form, forms[0].delta_chi2), FORM
-        if stiff and not base_channels(forms[0].effect) <= base_channels(name.effect):  # nor what follows another cause
-            if as_much:
-                share, least = ratio(name.delta_chi2, forms[0].delta_chi2), ANOTHER_CAUSE
-            as_much = as_much and name.delta_chi2 >= ANOTHER_CAUSE * forms[0].delta_chi2
+        share = ratio(name.delta_chi2, forms[0].delta_chi2)
+        as_much = share >= FORM
         worth = idle <= 1 or name.delta_chi2 - forms[0].delta_chi2 >= 2 * idle
-        log.add(
-            "explains-as-much",
-            "accepted" if as_much else "set aside",
-            name.effect,
-            share,
-            least,
-            beside=forms[0].effect,
-        )
+        word: Outcome = "accepted" if as_much else "set aside"
+        log.add("explains-as-much", word, name.effect, share, FORM, beside=forms[0].effect)
         if as_much and not worth:
             more = name.delta_chi2 - forms[0].delta_chi2
             log.add("idle-parameters", "set aside", name.effect, more, 2.0 * idle, beside=forms[0].effect)
