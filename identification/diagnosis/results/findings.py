@@ -159,7 +159,7 @@ class Diagnosis:
 SEPARABLE = math.log10(DECISIVE_ODDS)  # decimal logarithm of the Bayes factor that distinguishes two explanations
 # FORM_ODDS is calibrated on findings of the proof: 389 (seeds 69069 and 271828) by their Brier score; the four
 # others on 255 findings of three simulators by other authors, by their likelihood. Fitted to two of these and tried on
-# the third: log likelihood -125 (-162 with a temper of at most 2), Brier score 0.08 (0.10).
+# the third: log likelihood -118 (-162 with a temper of at most 2), Brier score 0.09 (0.10).
 FORM_ERROR = 0.25  # error of a textbook form, relative to the whole of an effect, as far as it looks like another form
 FORM_ODDS = 6.0  # log prior odds of named physics against an empirical term
 FLEXIBLE_ODDS = 2.0  # log prior odds of an effect of fixed form against one that follows any smooth curve
