@@ -101,6 +101,9 @@ class Recording:
         Unit that the file states for all its coordinates and not column by column; empty: none.
     again : tuple of int
         Rows of commands, from 0, at whose places the machine was commanded to and waited again: a row each time.
+    read_as : mapping
+        Of a column that the format has computed and converted: the format's word for what it was computed from, and
+        the unit as which that was read.
     """
 
     frame: pd.DataFrame
@@ -113,6 +116,7 @@ class Recording:
     calibrated: bool = False
     length_unit: str = ""
     again: tuple[int, ...] = ()
+    read_as: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

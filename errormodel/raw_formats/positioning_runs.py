@@ -104,7 +104,7 @@ class PositioningRuns(RawFormat):
                 raise InputError(raw.name, found, f"Say --units target={usual}, or another --joint")
             stated = usual
         target = to_internal(runs.targets, stated, quantity)
-        deviation, what = _deviations(raw, asked, runs, target, joint, quantity)
+        deviation, what, read_as = _deviations(raw, asked, runs, target, joint, quantity)
         rows = [(k, i) for k in range(len(runs.numbers)) for i in _way(target, runs.sides[k]).tolist()]
         rows = [(k, i) for k, i in rows if np.isfinite(deviation[i, k])]
         run, at = (np.array(part, dtype=np.intp) for part in zip(*rows, strict=True))
@@ -122,13 +122,14 @@ class PositioningRuns(RawFormat):
             notes.append(f"not used: {', '.join(runs.left)}")
         if missing := int(np.isnan(deviation).sum()):
             notes.append(f"{missing} readings missing")
-        return Recording(frame, units, tuple(runs.lines[i] for i in at) if runs.lines else (), tuple(notes))
+        lines = tuple(runs.lines[i] for i in at) if runs.lines else ()
+        return Recording(frame, units, lines, tuple(notes), read_as={n: read_as for n in MOTIONS if n in frame})
 
 
 def _deviations(
     raw: RawFile, asked: Asked, runs: Runs, target: Array, joint: Joint, quantity: Quantity
-) -> tuple[Array, str]:
-    """Readings less targets in mm or rad, and what the readings were."""
+) -> tuple[Array, str, tuple[str, str]]:
+    """Readings less targets in mm or rad, what the readings were, and the word for them with their unit."""
     said = next((asked.units[w] for w in ("deviation", "actual") if w in asked.units), runs.unit)
     unit = unit_word(said)
     usual = "deg" if joint.type == "rotary" else "mm"
@@ -138,11 +139,11 @@ def _deviations(
     span = float(np.ptp(target))
     off = values - target[:, None]
     if "deviation" not in asked.units and span > 0 and float(np.nanmax(np.abs(off))) < NEAR * span:
-        return np.asarray(off), "measured positions"
+        return np.asarray(off), "measured positions", ("actual", unit or usual)
     if not unit:
         cure = f"Say it with --units deviation={'arcsec' if joint.type == 'rotary' else 'um'}, or what it is"
         raise InputError(raw.name, "no unit of the deviations", cure)
-    return np.asarray(values), f"deviations in {unit}"
+    return np.asarray(values), f"deviations in {unit}", ("deviation", unit)
 
 
 def _way(target: Array, side: float) -> Index:

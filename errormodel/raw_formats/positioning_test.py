@@ -96,14 +96,16 @@ class PositioningTest(RawFormat):
                 what = f"the unit '{own}'" if own else "no unit"
                 cure = f"Say it with --units deviation={'arcsec' if joint.type == 'rotary' else 'um'}, or what it is"
                 raise InputError(raw.name, f"{what} of the column {found['deviation']}", cure)
-        less = np.full(len(frame), np.nan)
+        less, stated = np.full(len(frame), np.nan), ""
         if "actual" in found:
             actual = numbers(table, found["actual"], raw.name)
             stated = unit_word(asked.units.get("actual", table.units.get(found["actual"], unit)))
             less = to_internal(actual, stated, quantity) - to_internal(target, unit, quantity)
         if "deviation" in found:
             _refuse_unlike(table, found, raw.name, to_internal(reading, own, quantity), less)
+            read_as = ("deviation", own)
         else:
+            read_as = ("actual", stated)
             own, reading = "rad" if joint.type == "rotary" else "mm", less
         side = np.full(len(frame), np.nan)
         if "side" in found:
@@ -119,7 +121,8 @@ class PositioningTest(RawFormat):
         position = to_internal(target, unit, quantity)
         rows = motion_rows(joint, np.degrees(position) if usual == "deg" else position, reading, own, run, side)
         units = {joint.name: usual} | {name: unit_of(name) for name in MOTIONS if name in rows}
-        return Recording(rows, units, table.lines, (*table.notes, *notes))
+        read = {name: read_as for name in MOTIONS if name in rows}
+        return Recording(rows, units, table.lines, (*table.notes, *notes), read_as=read)
 
 
 def _refuse_unlike(table: Recording, found: dict[str, str], name: str, deviation: Array, less: Array) -> None:

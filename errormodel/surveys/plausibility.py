@@ -7,19 +7,19 @@ the instrument stands. A wrong unit of length multiplies nearly all of them by o
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from errormodel.conventions import MOTIONS, TRANSLATIONS
+from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine
 from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS, unit_of_column
+from errormodel.surveys.motion_sizes import FEWEST_ROWS, UNITS_MM, check_motions
 from errormodel.units import factor
 
 if TYPE_CHECKING:
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_LENGTH_UNITS_MM = {"m": 1000.0, "inch": 25.4, "mm": 1.0, "um": 1e-3}  # mm
 # values of usual shop temperatures in each unit, which are implausible in degC
 _SHOP_TEMPERATURES = {"K": (250.0, 330.0), "degF": (55.0, 110.0)}
 _FASTEST_MM_PER_S = 5e3  # mm/s; faster slides are implausible; by judgement
@@ -36,19 +35,19 @@ _FEWEST_PACE_ROWS = 10  # fewest rows from which a speed is judged; by judgement
 _SAMPLE_ROWS = 1000  # rows of the sample: more change nothing and take time
 _WRONG_UNIT_SHARE = 0.05  # share of pairs of rows with agreeing distances below which a unit is wrong; by judgement
 _OTHER_UNIT_SHARE = 0.7  # share of pairs of rows that must agree in another unit; by judgement
-_FEWEST_MOTION_ROWS = 3  # fewest rows from which the range of an error motion is judged; by judgement
-# Largest plausible error motions: a rolled screw of the coarsest class in use (ISO 3408-3, T7) is off by 52 um over
-# 300 mm, a steel scale grows by 0.12 mm/m in 10 K, guideways tilt by 0.2 mrad at worst. Several times these are limits.
-_MOTION_RANGE_PER_MM = 5e-4  # largest range of a translation, mm per mm of travel
-_MOTION_RANGE_MM = 0.1  # and this much at least, mm
-_MOTION_RANGE_RAD = 1e-3  # largest range of a rotation, rad
-# relative difference of the ranges of motion and position below which the column holds the position itself
-_POSITION_SHARE = 0.1
 _SHORTEST_TOOL = 100.0  # times shorter than the machine's: a tool in metres; by judgement
+_INCHES_OF_TRAVEL = 0.7  # share of a travel that targets must cover in inches for a doubt; by judgement
 _MOST_OF_TRAVEL = 0.5  # share of a travel that a thousand times the positions of one axis must cover; by judgement
 
 
-def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name: str, measured: bool) -> list[str]:
+def check_sizes(
+    frame: pd.DataFrame,
+    machine: Machine,
+    units: SurveyUnits,
+    name: str,
+    measured: bool,
+    read_as: Mapping[str, tuple[str, str]] | None = None,
+) -> list[str]:
     """Refuse a file with an impossible unit of length; note implausible units of angle, temperature and time.
 
     Parameters
@@ -62,60 +61,27 @@ def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name:
         The file, for messages.
     measured : bool
         Whether measured coordinates are checked.
+    read_as : mapping or None
+        What the error motions of a raw file were read from, as in `errormodel.raw_formats.base.Recording`.
     """
+    said: list[str | None] = []
     if measured and "joint" in frame:
-        _check_motions(frame, machine, units, name)
+        said += check_motions(frame, machine, units, name, read_as)
         for joint in machine.joints:
             about = frame[frame["joint"] == joint.name]
-            if joint.type == "prismatic" and len(about) >= _FEWEST_MOTION_ROWS:
-                _check_commands(about, [joint], units, name, None)
+            if joint.type == "prismatic" and len(about) >= FEWEST_ROWS:
+                said += [_check_commands(about, [joint], units, name, None), _short_test(about, joint, read_as)]
     frame = frame[frame["joint"] == ""] if "joint" in frame else frame
     if frame.empty:
-        return []
+        return [f"{name}: {note}" for note in said if note]
     prismatic = [j for j in machine.joints if j.type == "prismatic"]
     sample = _sample(frame, machine) if measured else None
-    notes = [_check_commands(frame, prismatic, units, name, sample)]
+    notes = [*said, _check_commands(frame, prismatic, units, name, sample)]
     if sample is not None:
         _check_measured(sample, prismatic, units, name)
     notes += [None if measured else _tools(frame, machine)]
     notes += [_radians(frame, machine, units, sample), _temperatures(frame, units), _pace(frame, prismatic, units)]
     return [f"{name}: {note}" for note in notes if note]
-
-
-def _check_motions(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name: str) -> None:
-    """Raise InputError if error motions vary by more than a machine's do, unless their unit is stated for the column.
-
-    The instrument's zero differs between runs, so that only ranges within runs are compared; the range of the central
-    90 % of the rows is robust against an outlier.
-    """
-    for joint, motion in product(machine.joints, MOTIONS):
-        if motion not in frame:
-            continue
-        rows = frame[(frame["joint"] == joint.name) & frame[motion].notna()]
-        if len(rows) < _FEWEST_MOTION_ROWS:
-            continue
-        values = rows[motion] - (rows.groupby("run")[motion].transform("median") if "run" in rows else 0.0)
-        low, high = np.quantile(values, (0.05, 0.95))
-        way = float(np.ptp(rows[joint.name].to_numpy()))
-        linear = motion in TRANSLATIONS
-        where = f"{name}, column {motion}"
-        if linear and joint.type == "prismatic" and abs(np.ptp(rows[motion].to_numpy()) - way) < _POSITION_SHARE * way:
-            found = f"it changes by {way:.6g} mm where {joint.name} does: a position, not its deviation"
-            raise InputError(where, found, f"Write {motion} as measured minus commanded")
-        usual = (
-            max(_MOTION_RANGE_MM, _MOTION_RANGE_PER_MM * way if joint.type == "prismatic" else 0.0)
-            if linear
-            else _MOTION_RANGE_RAD
-        )
-        if high - low <= usual or motion in units.of_columns:
-            continue
-        unit, other = unit_of_column(motion, "length" if linear else "angle", units), "um" if linear else "urad"
-        size = (high - low) / factor(unit, "length" if linear else "angle")
-        most = f"{usual:.2g} mm" if linear else f"{1e3 * usual:.2g} mrad"
-        found = f"error motions of {joint.name} that vary by {size:.3g} {unit}"
-        found += f", where those of a machine vary by {most} at most"
-        cure = f"Write units: {{{motion}: {other}}} in a survey.yaml; if it is so, units: {{{motion}: {unit}}}"
-        raise InputError(where, found, cure)
 
 
 def _temperatures(frame: pd.DataFrame, units: SurveyUnits) -> str | None:
@@ -192,6 +158,20 @@ def _check_commands(
     return None
 
 
+def _short_test(frame: pd.DataFrame, joint: Joint, read_as: Mapping[str, tuple[str, str]] | None) -> str | None:
+    """Note if the targets of a raw file of one joint cover next to nothing of its travel, and most of it in inches."""
+    q = frame[joint.name].to_numpy(dtype=np.float64)
+    share = float(np.ptp(q)) / (joint.travel[1] - joint.travel[0])
+    inch = UNITS_MM["inch"]
+    if read_as is None or not _INCHES_OF_TRAVEL < inch * share < 1 or not np.all(_near_travel(joint, inch * q)):
+        return None
+    text = f"targets of {joint.name} from {q.min():.4g} to {q.max():.4g} mm, {100 * share:.0f} % of its travel; in inches "
+    text += f"they would cover {100 * inch * share:.0f} %. If they are, import again with --units "
+    if any(word in MOTIONS for word, _ in read_as.values()):
+        return f"{text}{joint.name}=inch, and likewise of what else is in inches"
+    return f"{text}target=inch, and actual=inch, deviation=inch of what else is in inches"
+
+
 def _near_travel(joint: Joint, q: Array) -> NDArray[np.bool_]:
     low, high = joint.travel
     slack = 0.1 * (high - low)
@@ -201,7 +181,7 @@ def _near_travel(joint: Joint, q: Array) -> NDArray[np.bool_]:
 def _other_units(unit: str) -> Iterator[tuple[float, str]]:
     """Other usual units of length, each with its size in the declared one."""
     said = factor(unit, "length")
-    return ((mm / said, other) for other, mm in _LENGTH_UNITS_MM.items() if mm != said)
+    return ((mm / said, other) for other, mm in UNITS_MM.items() if mm != said)
 
 
 def _cure(columns: Sequence[str], unit: str, units: SurveyUnits, alone: bool = False) -> str:

@@ -56,6 +56,7 @@ class RawTable(FrameTable):
     lines: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()  # on how the raw files were read
     units: Mapping[str, str] = field(default_factory=dict)  # of columns whose unit was stated, as they now are
+    read_as: Mapping[str, tuple[str, str]] = field(default_factory=dict)  # of error motions, as in `Recording`
 
     def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
         frame, notes = super().read(numbers, texts)
@@ -99,6 +100,7 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
     units: dict[str, str] = {}
     taken: set[str] = set()
     form = raw_formats().get(entry.format)
+    asked = entry.units
     if form is not None and form.columns:  # what its format has taken by these words
         rest = [{k: v for k, v in block.items() if k not in form.columns} for block in (entry.columns, entry.units)]
         entry = entry.model_copy(update=dict(zip(("columns", "units"), rest, strict=True)))
@@ -129,10 +131,13 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
         stated_all = recording.length_unit if _is_coordinate(name, machine) and name not in units else ""
         columns[name] = _converted(entry, machine, name, column, units.get(name, stated_all))
     _check_units(entry, columns)
-    stated = {name: unit for name in columns if (unit := entry.units.get(name) or _said(name, units))}
+    read_as = {n: recording.read_as.get(n) or (n, units.get(n, "")) for n in columns if n in MOTIONS}
+    own_words = {n: asked[word] for n, (word, _) in read_as.items() if word in asked}
+    stated = {n: u for n in columns if (u := entry.units.get(n) or own_words.get(n) or _said(n, units))}
     told = "length" in entry.units or {*MEASURED} <= {*entry.units}
     notes = tuple(note for note in recording.notes if not (told and note.startswith(UNSTATED)))
-    return replace(recording, frame=pd.DataFrame(columns), units={n: _usual(n, machine) for n in stated}, notes=notes)
+    kept = {n: _usual(n, machine) for n in stated}
+    return replace(recording, frame=pd.DataFrame(columns), units=kept, notes=notes, read_as=read_as)
 
 
 def _is_coordinate(name: str, machine: Machine) -> bool:
@@ -142,8 +147,8 @@ def _is_coordinate(name: str, machine: Machine) -> bool:
 
 
 def _said(name: str, units: Mapping[str, str]) -> str:
-    """The unit that a file states of a column, where what it states is no mistake of the commands' or points' unit."""
-    return units.get(name, "") if name in MOTIONS or name == "time" or name.startswith("T_") else ""
+    """The unit that a file states of a column, where nothing judges it by the machine's size."""
+    return units.get(name, "") if name == "time" or name.startswith("T_") else ""
 
 
 def _usual(name: str, machine: Machine) -> str:
@@ -203,7 +208,8 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
     notes = () if said else (*measured.notes, *(n for r in (commands, *read) if r is not None for n in r.notes))
     command_units = {} if commands is None else commands.units
     units = {n: u for n, u in {**command_units, **measured.units}.items() if u and n in table}
-    return replace(as_table(table, measured.dated, entry.path, lines, machine), notes=notes, units=units)
+    own = as_table(table, measured.dated, entry.path, lines, machine)
+    return replace(own, notes=notes, units=units, read_as=measured.read_as)
 
 
 def joined(
