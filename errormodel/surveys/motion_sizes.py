@@ -83,14 +83,18 @@ def check_motions(
             continue
         own = unit_of_column(motion, "length" if linear else "angle", units)
         size = spread / factor(own, "length" if linear else "angle")
-        most = f"{usual:.2g} mm over {way:.4g} mm" if way else f"{usual:.2g} mm" if linear else f"{1e3 * usual:.2g} mrad"
+        most = (
+            f"{usual:.2g} mm over {way:.4g} mm" if way else f"{usual:.2g} mm" if linear else f"{1e3 * usual:.2g} mrad"
+        )
         found = f"error motions of {joint.name} that vary by {size:.3g} {own}, where those of a machine vary by {most} "
         found += f"at most{f': {REASON}' if linear else ''}"
         if motion in units.of_columns:
             stated = unit or own
             notes.append(f"{found}; their unit ({stated}) was stated, and they are taken as they are")
             continue
-        raise InputError(f"{name}, column {motion}", found, _cure(motion, word, unit, own, spread, usual, read_as is None))
+        raise InputError(
+            f"{name}, column {motion}", found, _cure(motion, word, unit, own, spread, usual, read_as is None)
+        )
     return notes
 
 

@@ -20,6 +20,7 @@ from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.survey import Survey, read_survey
 from errormodel.surveys.file import SURVEY_FILE
 from errormodel.surveys.pairs import PairTable
+from identification.importing.clock_jumps import refuse_backwards, unordered_times
 from identification.importing.exchanged_rows import CURE as FOUND_CURE
 from identification.importing.geometry import Nominal
 from identification.importing.nearest import find_pairing
@@ -122,6 +123,10 @@ def import_files(
         refuse_unit(nominal, measured, source.raw.name, source.mm_a_unit)
         refuse_partial(nominal, measured, source.raw.name)
     readings = join_readings(single, commanded, chain, wishes)
+    warnings: list[str] = []
+    points = [_with_clock(s, p, bool(logs), warnings) for s, p in zip(points, pairs, strict=True)]
+    readings = [replace(r, source=_with_clock(r.source, r.pairs, bool(logs), warnings)) for r in readings]
+    single = [r.source for r in readings]
     frame = _frame(points, aligned, chain)
     files = _files(points, motions, traces, readings, logs, pairs, commanded, frame, wishes)
     with tempfile.TemporaryDirectory() as folder, running(None):
@@ -133,7 +138,6 @@ def import_files(
     except InputError as error:
         error = _with_nearest(error, points, pairs, aligned, commanded, chain, seed)
         raise InputError(error.where, error.found, f"{error.cure}{_other_targets(points)}") from error
-    warnings: list[str] = []
     if commanded is not None and any(p.by_rows for p in pairs):
         proof = with_other_order(machine, survey, proof)
         if proof.other is not None and wishes.match != "order":  # who says the order has confirmed it
@@ -154,6 +158,30 @@ def import_files(
         machine, files, everything, (*pairs, *[None] * (len(everything) - len(pairs))), survey, proof, frame,
         tuple(dict.fromkeys((*left, *survey.notes))), tuple(traces), tuple(readings), places,
     )  # fmt: skip
+
+
+def _with_clock(source: SourceFile, own: Pairs, needed: bool, warnings: list[str]) -> SourceFile:
+    """A file as it is, or without its times where its clock was set; what is to be said of them goes to `warnings`.
+
+    Raises
+    ------
+    InputError
+        Its clock was set, and other files are joined by it (`needed`).
+    """
+    if own.offset is not None or "time" not in source.recording.frame:
+        return source  # joined by time: the clock was judged there
+    when, frame = source.column("time"), source.recording.frame
+    labels = [frame[n].astype(str) for n in ("run", "station", "target") if n in frame and not own.averaged]
+    groups = (
+        np.unique([" ".join(parts) for parts in zip(*labels, strict=True)], return_inverse=True)[1] if labels else 0
+    )
+    text = unordered_times(when, np.zeros(source.rows, dtype=np.intp) + groups, own.averaged)
+    if not text:
+        return source
+    if own.averaged and needed:
+        refuse_backwards(when, source.raw.name)
+    warnings.append(f"{source.raw.path.name}: {text}")
+    return source.without("time") if own.averaged else source
 
 
 def _with_notes(texts: list[str], survey: Survey, files: Mapping[str, bytes]) -> tuple[Survey, dict[str, bytes]]:

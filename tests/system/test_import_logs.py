@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from errormodel import InputError
-from identification import import_survey
+from identification import check, import_survey
 from tests.helpers.importing import MILL, logs, points, poses
 
 LATE = 2  # rows that the machine is behind its commands
@@ -145,3 +145,54 @@ def test_many_readings_of_one_command_are_a_dwell(tmp_path: Path) -> None:
     seen = points(pd.concat([told] * 30, ignore_index=True))
     file = written(tmp_path, {"mx": seen[:, 0], "my": seen[:, 1], "mz": seen[:, 2]})
     assert len(import_survey(file, MILL, commands=tmp_path / "plan.csv").survey) == 1
+
+
+@pytest.fixture
+def tracked(tmp_path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Poses and a tracker's log, for commands that have no clock."""
+    told = logs(tmp_path, seed=3, rows=12)
+    told.to_csv(tmp_path / "plan.csv", index=False)
+    return told, pd.read_csv(tmp_path / "tracker.csv")
+
+
+def test_times_of_a_clock_that_was_set_are_left_out(tracked: tuple[pd.DataFrame, pd.DataFrame], tmp_path: Path) -> None:
+    """Joined by order, the rows are right and their times are not: drift and sides of arrival would follow them."""
+    told, log = tracked
+    at = 3 * len(log) // 5
+    log.loc[at:, "Time [s]"] -= 3600
+    log.to_csv(tmp_path / "t.csv", index=False)
+    result = import_survey(tmp_path / "t.csv", MILL, commands=tmp_path / "plan.csv")
+    np.testing.assert_allclose(result.survey.table[["X", "Y", "Z"]], told[1:-1], atol=1e-9)  # the log began late
+    note = next(n for n in result.notes if "clock" in n)
+    assert f"t.csv: its clock goes back by 3600 s before row {at + 1}" in note
+    assert "times were left out" in note
+    assert "time" not in result.survey.table
+    result.save(tmp_path / "s")
+    assert note in check(MILL, tmp_path / "s").notes
+    room = pd.DataFrame({"Time [s]": [-4000.0, 4000.0], "T room [°C]": [20.0, 21.0]})
+    room.to_csv(tmp_path / "room.csv", index=False)
+    with pytest.raises(InputError, match="its clock goes back by 3600 s"):
+        import_survey([tmp_path / "t.csv", tmp_path / "room.csv"], MILL, commands=tmp_path / "plan.csv")
+
+
+def test_readings_that_changed_places_are_no_clock_that_was_set(
+    tracked: tuple[pd.DataFrame, pd.DataFrame], tmp_path: Path
+) -> None:
+    _, log = tracked
+    log.loc[40, "Time [s]"] = log.loc[39, "Time [s]"] - 1e-3
+    log.to_csv(tmp_path / "t.csv", index=False)
+    result = import_survey(tmp_path / "t.csv", MILL, commands=tmp_path / "plan.csv")
+    assert "time" in result.survey.table
+    assert not result.notes
+
+
+def test_a_list_whose_times_go_back_says_so(tmp_path: Path) -> None:
+    told = poses(3, 20)
+    told.to_csv(tmp_path / "plan.csv", index=False)
+    when = 10.0 * np.arange(20) - 3600 * (np.arange(20) >= 12)
+    frame = pd.DataFrame(points(told), columns=["mx", "my", "mz"]).assign(time=when)
+    frame.to_csv(tmp_path / "t.csv", index=False)
+    result = import_survey(tmp_path / "t.csv", MILL, commands=tmp_path / "plan.csv")
+    assert any("goes back by 3590 s before row 13" in n and "--columns time=-" in n for n in result.notes)
+    frame.assign(run=np.where(np.arange(20) < 12, "1", "2")).to_csv(tmp_path / "t.csv", index=False)
+    assert not import_survey(tmp_path / "t.csv", MILL, commands=tmp_path / "plan.csv").notes  # a run begins anew

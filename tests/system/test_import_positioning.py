@@ -233,7 +233,9 @@ def test_deviations_of_millimetres_are_a_wrong_unit(positions: bool, tmp_path: P
     data.columns = [name.replace("µm", "mm") for name in data.columns]
     (tmp_path / "x.csv").write_text(data.to_csv(index=False), encoding="utf-8")
     word = "actual" if positions else "deviation"
-    with pytest.raises(InputError, match=rf"column dx: error motions of X that vary by .* mm.*--units {word}=") as error:
+    with pytest.raises(
+        InputError, match=rf"column dx: error motions of X that vary by .* mm.*--units {word}="
+    ) as error:
         import_survey(tmp_path / "x.csv", MILL, joint="X")
     assert ("in um" in str(error.value)) is not positions  # a thousandth of a position is no deviation
     if not positions:
