@@ -83,9 +83,8 @@ def check_motions(
             continue
         own = unit_of_column(motion, "length" if linear else "angle", units)
         size = spread / factor(own, "length" if linear else "angle")
-        most = (
-            f"{usual:.2g} mm over {way:.4g} mm" if way else f"{usual:.2g} mm" if linear else f"{1e3 * usual:.2g} mrad"
-        )
+        most = f"{usual:.2g} mm" if linear else f"{1e3 * usual:.2g} mrad"
+        most += f" over {way:.4g} mm" if way else ""
         found = f"error motions of {joint.name} that vary by {size:.3g} {own}, where those of a machine vary by {most} "
         found += f"at most{f': {REASON}' if linear else ''}"
         if motion in units.of_columns:

@@ -165,10 +165,8 @@ def _short_test(frame: pd.DataFrame, joint: Joint, read_as: Mapping[str, tuple[s
     inch = UNITS_MM["inch"]
     if read_as is None or not _INCHES_OF_TRAVEL < inch * share < 1 or not np.all(_near_travel(joint, inch * q)):
         return None
-    text = (
-        f"targets of {joint.name} from {q.min():.4g} to {q.max():.4g} mm, {100 * share:.0f} % of its travel; in inches "
-    )
-    text += f"they would cover {100 * inch * share:.0f} %. If they are, import again with --units "
+    text = f"targets of {joint.name} from {q.min():.4g} to {q.max():.4g} mm, {100 * share:.0f} % of its travel; in "
+    text += f"inches they would cover {100 * inch * share:.0f} %. If they are, import again with --units "
     if any(word in MOTIONS for word, _ in read_as.values()):
         return f"{text}{joint.name}=inch, and likewise of what else is in inches"
     return f"{text}target=inch, and actual=inch, deviation=inch of what else is in inches"

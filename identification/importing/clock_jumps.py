@@ -8,6 +8,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 from errormodel.exceptions import InputError
+from identification.importing.words import LISTED
 
 INSIDE = 0.9  # of a part of a recording must lie within the other
 SHARE = 4  # the first and the last of so many parts of a recording are joined for themselves
@@ -16,7 +17,6 @@ BETTER = 2.0  # times smaller must the differences of the speeds be with two off
 PAUSE = 5.0  # times the usual interval of a recording
 NEAR = 0.25  # of the usual time between two poses: so near does a reading lie at its command
 FEWEST = 3  # readings behind a jump
-LISTED = 6  # rows in a line
 CURE = (
     "Import the rows before and behind as two files, or leave the times out: --columns time=- and, where the numbers "
     "agree, --match order"
@@ -69,8 +69,8 @@ def unordered_times(when: Array, groups: Index, log: bool) -> str:
             "them (drift, order of the rows)"
         )
     return (
-        f"its clock {_went(rows, sizes)}: sides of arrival and drift follow the times, as of rows in another order than "
-        "they were measured in. If the clock was set, leave the times out: --columns time=-"
+        f"its clock {_went(rows, sizes)}: sides of arrival and drift follow the times, as of rows in another order "
+        "than they were measured in. If the clock was set, leave the times out: --columns time=-"
     )
 
 

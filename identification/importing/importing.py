@@ -171,11 +171,11 @@ def _with_clock(source: SourceFile, own: Pairs, needed: bool, warnings: list[str
     if own.offset is not None or "time" not in source.recording.frame:
         return source  # joined by time: the clock was judged there
     when, frame = source.column("time"), source.recording.frame
-    labels = [frame[n].astype(str) for n in ("run", "station", "target") if n in frame and not own.averaged]
-    groups = (
-        np.unique([" ".join(parts) for parts in zip(*labels, strict=True)], return_inverse=True)[1] if labels else 0
-    )
-    text = unordered_times(when, np.zeros(source.rows, dtype=np.intp) + groups, own.averaged)
+    groups = np.zeros(source.rows, dtype=np.intp)
+    labels = [n for n in ("run", "station", "target") if n in frame and not own.averaged]
+    if labels:
+        groups = frame.groupby(labels, sort=False).ngroup().to_numpy()
+    text = unordered_times(when, groups, own.averaged)
     if not text:
         return source
     if own.averaged and needed:

@@ -9,13 +9,12 @@ import numpy as np
 from errormodel.survey import Survey
 from identification.importing.exchanged_rows import FEWEST_PROVED
 from identification.importing.importing import Imported
-from identification.importing.pairing import counted
 from identification.importing.proof import Proof
 from identification.importing.readings import reading_lines
 from identification.importing.sources import What
 from identification.importing.traces import trace_lines
+from identification.importing.words import LISTED, counted
 
-LISTED = 6  # rows in a line
 WORDS: dict[What, str] = {
     "points": "measured",
     "motions": "error motions",

@@ -171,8 +171,8 @@ def doubts(survey: Survey, machine: Machine) -> list[str]:
         if size > usual_range(way):
             out.append(
                 f"{series.label}: positioning deviations that vary by {size:.3g} mm, where those of a machine vary by "
-                f"{usual_range(way):.2g} mm over {way:.4g} mm at most: {REASON}. See the units of commands and readings "
-                "(units: in survey.yaml)"
+                f"{usual_range(way):.2g} mm over {way:.4g} mm at most: {REASON}. See the units of commands and "
+                "readings (units: in survey.yaml)"
             )
     return out
 
