@@ -11,7 +11,7 @@ from errormodel.conventions import MOTIONS, unit_of
 from errormodel.exceptions import InputError
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
 from errormodel.raw_formats.direction_words import sides
-from errormodel.raw_formats.positioning import joint_for, motion_rows
+from errormodel.raw_formats.positioning import axis_above, joint_for, motion_rows, other_axis
 from errormodel.raw_formats.table_columns import columns_of, numbers
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.units import Quantity, is_unit, to_internal
@@ -85,7 +85,8 @@ class PositioningTest(RawFormat):
         found = _places([str(n) for n in table.frame])
         frame = table.frame
         unit = unit_word(asked.units.get("target", table.units.get(found["target"], "mm")))
-        joint = joint_for(raw.name, asked, axis_in(found["target"]), rotary=is_unit(unit, "angle"))
+        hint = axis_in(found["target"]) or axis_above(raw)
+        joint = joint_for(raw.name, asked, hint, rotary=is_unit(unit, "angle"))
         usual = "deg" if joint.type == "rotary" else "mm"
         quantity: Quantity = "angle" if joint.type == "rotary" else "length"
         target = numbers(table, found["target"], raw.name)
@@ -111,7 +112,7 @@ class PositioningTest(RawFormat):
         if "side" in found:
             name = found["side"]
             side = sides(frame[name], lambda row: f"{raw.name}, line {table.lines[row]}, column {name}")
-        notes = [f"readings of {joint.name} along its axis"]
+        notes = [f"readings of {joint.name} along its axis", *other_axis(joint, asked, hint)]
         run = ["1"] * len(frame)
         if "cycle" in found:
             run = [f"{c:g}" if isinstance(c, float) else str(c) for c in frame[found["cycle"]]]
@@ -121,7 +122,7 @@ class PositioningTest(RawFormat):
         position = to_internal(target, unit, quantity)
         rows = motion_rows(joint, np.degrees(position) if usual == "deg" else position, reading, own, run, side)
         units = {joint.name: usual} | {name: unit_of(name) for name in MOTIONS if name in rows}
-        read = {name: read_as for name in MOTIONS if name in rows}
+        read = {name: read_as for name in MOTIONS if name in rows} | {joint.name: ("target", unit)}
         return Recording(rows, units, table.lines, (*table.notes, *notes), read_as=read)
 
 

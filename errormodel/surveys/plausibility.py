@@ -15,7 +15,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine
 from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS, unit_of_column
@@ -37,6 +36,8 @@ _WRONG_UNIT_SHARE = 0.05  # share of pairs of rows with agreeing distances below
 _OTHER_UNIT_SHARE = 0.7  # share of pairs of rows that must agree in another unit; by judgement
 _SHORTEST_TOOL = 100.0  # times shorter than the machine's: a tool in metres; by judgement
 _INCHES_OF_TRAVEL = 0.7  # share of a travel that targets must cover in inches for a doubt; by judgement
+_FEW_INSIDE = 0.5  # of the positions within a travel: another unit is looked for that brings all in
+_PART_FILLED = 0.3  # share of the travel that they must then cover; by judgement
 _MOST_OF_TRAVEL = 0.5  # share of a travel that a thousand times the positions of one axis must cover; by judgement
 
 
@@ -70,7 +71,10 @@ def check_sizes(
         for joint in machine.joints:
             about = frame[frame["joint"] == joint.name]
             if joint.type == "prismatic" and len(about) >= FEWEST_ROWS:
-                said += [_check_commands(about, [joint], units, name, None), _short_test(about, joint, read_as)]
+                said += [
+                    _check_commands(about, [joint], units, name, None, read_as),
+                    _short_test(about, joint, read_as),
+                ]
     frame = frame[frame["joint"] == ""] if "joint" in frame else frame
     if frame.empty:
         return [f"{name}: {note}" for note in said if note]
@@ -116,14 +120,20 @@ def _pace(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits) -> s
 
 
 def _check_commands(
-    frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits, name: str, sample: _Sample | None
+    frame: pd.DataFrame,
+    joints: Sequence[Joint],
+    units: SurveyUnits,
+    name: str,
+    sample: _Sample | None,
+    read_as: Mapping[str, tuple[str, str]] | None = None,
 ) -> str | None:
     """Raise InputError if positions of moving prismatic joints are off their travels and another unit brings all back.
 
     A note if they are not off but would fill all travels in inches.
     """
     moving = [(j, frame[j.name].to_numpy()) for j in joints if np.ptp(frame[j.name].to_numpy()) > 0]
-    said = {unit_of_column(j.name, "length", units) for j, _ in moving}
+    own = {n: (word, unit) for n, (word, unit) in (read_as or {}).items() if unit}
+    said = {own[j.name][1] if j.name in own else unit_of_column(j.name, "length", units) for j, _ in moving}
     if len(said) != 1:  # no joint moves, or the columns have units of their own
         return None
     moved = [j.name for j, _ in moving]
@@ -133,13 +143,14 @@ def _check_commands(
     def inside(scale: float) -> list[float]:
         return [float(np.mean(_near_travel(j, q * scale))) for j, q in moving]
 
-    outside = min(inside(1.0)) < 0.05
+    outside, partly = min(inside(1.0)) < 0.05, min(inside(1.0)) < _FEW_INSIDE
     # all poses within a thousandth of the machine, or one axis over a thousandth of most of its travel: metres
     tiny = filled.max() < 0.002 and (len(moving) > 1 or 1000 * filled.max() > _MOST_OF_TRAVEL)
     tiny = tiny and not all(name in units.of_columns for name in moved)
     for scale, unit in _other_units(*said):
         fits = min(inside(scale)) > 0.95 and (filled * scale).max() < 1.5
-        if fits and (filled * scale).min() > 0.02 and (outside or (tiny and scale == 1000)):
+        whole = partly and (filled * scale).min() > _PART_FILLED
+        if fits and (filled * scale).min() > 0.02 and (outside or whole or (tiny and scale == 1000)):
             found = f"positions of {names} that fit the travels only if they are in {unit}"
             # the measured points may be in the right unit
             alone = (
@@ -147,10 +158,14 @@ def _check_commands(
                 and sample.agreement() <= _WRONG_UNIT_SHARE
                 and sample.agreement(lengths=scale) > _OTHER_UNIT_SHARE
             )
+            if all(n in own for n in moved):
+                words = ",".join(f"{word}={unit}" for word in dict.fromkeys(own[n][0] for n in moved))
+                cure = f"If they are, import again with --units {words}, and likewise of readings that are positions"
+                raise InputError(f"{name}, columns {names}", found, cure)
             columns = [j.name for j in joints] if alone else moved
             cure = f"Write {_cure(columns, unit, units, alone=alone or len(joints) == 1)}"
-            own = ", ".join(f"{n}: {unit_of_column(n, 'length', units)}" for n in moved)
-            also = "" if outside else f"; if they are right, units: {{{own}}}"
+            kept = ", ".join(f"{n}: {unit_of_column(n, 'length', units)}" for n in moved)
+            also = "" if outside else f"; if they are right, units: {{{kept}}}"
             raise InputError(f"{name}, columns {names}", found, f"{cure} in a survey.yaml{also}")
         if fits and (filled * scale).min() > 0.7 and len(moving) > 1 and unit == "inch":
             cure = _cure(moved, unit, units)
@@ -167,7 +182,7 @@ def _short_test(frame: pd.DataFrame, joint: Joint, read_as: Mapping[str, tuple[s
         return None
     text = f"targets of {joint.name} from {q.min():.4g} to {q.max():.4g} mm, {100 * share:.0f} % of its travel; in "
     text += f"inches they would cover {100 * inch * share:.0f} %. If they are, import again with --units "
-    if any(word in MOTIONS for word, _ in read_as.values()):
+    if joint.name not in read_as:
         return f"{text}{joint.name}=inch, and likewise of what else is in inches"
     return f"{text}target=inch, and actual=inch, deviation=inch of what else is in inches"
 

@@ -131,8 +131,8 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
         stated_all = recording.length_unit if _is_coordinate(name, machine) and name not in units else ""
         columns[name] = _converted(entry, machine, name, column, units.get(name, stated_all))
     _check_units(entry, columns)
-    read_as = {n: recording.read_as.get(n) or (n, units.get(n, "")) for n in columns if n in MOTIONS}
-    own_words = {n: asked[word] for n, (word, _) in read_as.items() if word in asked}
+    read_as = {n: (n, units.get(n, "")) for n in columns if n in MOTIONS} | dict(recording.read_as)
+    own_words = {n: asked[word] for n, (word, _) in read_as.items() if word in asked and n in MOTIONS}
     stated = {n: u for n in columns if (u := entry.units.get(n) or own_words.get(n) or _said(n, units))}
     told = "length" in entry.units or {*MEASURED} <= {*entry.units}
     notes = tuple(note for note in recording.notes if not (told and note.startswith(UNSTATED)))

@@ -44,7 +44,7 @@ def check(survey_table: pd.DataFrame) -> None:
         own = survey_table[survey_table["dir_X"] == side]
         found = own.assign(run=own["run"].astype(int)).pivot(index="X", columns="run", values="dx")
         np.testing.assert_allclose(found.to_numpy() * 1e3, UM[:, :, back], atol=1e-6)
-        np.testing.assert_array_equal(found.index, TARGETS)
+        np.testing.assert_allclose(found.index, TARGETS, rtol=1e-12)  # rounding of inches
 
 
 @pytest.mark.parametrize("style", HEADS)
@@ -272,3 +272,55 @@ def test_standards_doubt_points_in_another_unit_first(tmp_path: Path) -> None:
     assert "See the units" in iso("230-2", MACHINE, tmp_path / "x.csv").notes[0]
     rows.assign(mx=q * (1 + 1e-5)).to_csv(tmp_path / "x.csv", index=False)
     assert "See the units" not in "".join(iso("230-2", MACHINE, tmp_path / "x.csv").notes)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Lauf {k} {auf}",
+        "run {k} {up}",
+        "{k}. Lauf {+}",
+        "Messung {k} {auf}wärts",
+        "Run {k} {steigend} [inch]",
+        "{k} {fwd} (in)",
+    ],
+)
+def test_words_of_runs_side_by_side(name: str, tmp_path: Path) -> None:
+    pairs = {"auf": "ab", "up": "down", "+": "-", "steigend": "fallend", "fwd": "rev"}
+    inches = name.endswith(("[inch]", "(in)"))
+    scale = 25.4 if inches else 1.0
+    columns = {"Position [in]" if inches else "Position [mm]": TARGETS / scale}
+    for k in range(RUNS):
+        for back in (0, 1):
+            words = {up: down if back else up for up, down in pairs.items()}
+            columns[name.format(k=k + 1, **words)] = UM[:, k, back] / scale / (1e3 if inches else 1)
+    pd.DataFrame(columns).to_csv(tmp_path / "x.csv", index=False, sep=";", decimal=",", float_format="%.12f")
+    units = {} if inches else {"deviation": "um"}
+    check(import_survey(tmp_path / "x.csv", MILL, joint="X", units=units).survey.table)
+
+
+def wide(readings: np.ndarray, above: str = "") -> str:
+    """A row a run, with its number and its direction in columns of their own; `readings`: (targets, runs, 2)."""
+    text = above + "Lauf;Richtung;" + ";".join(f"{q:.1f}" for q in TARGETS) + "\n"
+    for k in range(RUNS):
+        for back, way in enumerate(("auf", "ab")):
+            text += f"{k + 1};{way};" + ";".join(f"{v:.4f}" for v in readings[:, k, back]) + "\n"
+    return text.replace(".", ",")
+
+
+def test_a_row_a_run_with_numbers_and_directions(tmp_path: Path) -> None:
+    """The axis and the unit stand above the table; positions have the unit of their targets."""
+    positions = TARGETS[:, None, None] + UM / 1e3
+    (tmp_path / "x.csv").write_text(wide(positions, "Messung X-Achse;Laserinterferometer;mm\n"))
+    check(import_survey(tmp_path / "x.csv", MILL).survey.table)
+    (tmp_path / "x.csv").write_text(wide(UM, "Achse: X;Abweichungen in um\n"))
+    check(import_survey(tmp_path / "x.csv", MILL).survey.table)
+    (tmp_path / "x.csv").write_text(wide(positions, "Achse: X\n"))
+    result = import_survey(tmp_path / "x.csv", MILL, joint="Y")
+    assert "the file says axis X, and --joint Y" in result.summary()
+    (tmp_path / "x.csv").write_text(wide(positions, "X axis;inch\n"))
+    with pytest.raises(InputError, match=r"fit the travels only if they are in mm.*--units target=mm"):
+        import_survey(tmp_path / "x.csv", MILL)
+    (tmp_path / "x.csv").write_text(wide(np.roll(positions, 1, axis=0)))
+    with pytest.raises(InputError, match=r"near other targets than their own: 150.* at target -150"):
+        import_survey(tmp_path / "x.csv", MILL, joint="X")
