@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
 from errormodel.discovery import by_word, classes
 from errormodel.exceptions import InputError, nearest
@@ -73,6 +73,14 @@ class Asked:
     units: Mapping[str, str] = field(default_factory=dict)
 
 
+class ReadAs(NamedTuple):
+    """From what a column was read: its word in ``units:``, the unit as which it was read, the option to correct it."""
+
+    word: str
+    unit: str
+    option: str = "--units"
+
+
 @dataclass(frozen=True)
 class Recording:
     """The columns of a raw file.
@@ -102,8 +110,7 @@ class Recording:
     again : tuple of int
         Rows of commands, from 0, at whose places the machine was commanded to and waited again: a row each time.
     read_as : mapping
-        Of a column that the format has computed and converted: the format's word for what it was computed from, and
-        the unit as which that was read.
+        Of columns that the format has computed and converted, from what and as which unit that was read.
     """
 
     frame: pd.DataFrame
@@ -116,7 +123,7 @@ class Recording:
     calibrated: bool = False
     length_unit: str = ""
     again: tuple[int, ...] = ()
-    read_as: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    read_as: Mapping[str, ReadAs] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from errormodel.conventions import MOTIONS, unit_of
 from errormodel.exceptions import InputError
 from errormodel.formats.base import as_numbers
 from errormodel.machine import Joint
-from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.base import Asked, RawFile, RawFormat, ReadAs, Recording
 from errormodel.raw_formats.cells import kind_of, split
 from errormodel.raw_formats.direction_words import side_of
 from errormodel.raw_formats.layout import Layout
@@ -127,13 +127,13 @@ class PositioningRuns(RawFormat):
         if missing := int(np.isnan(deviation).sum()):
             notes.append(f"{missing} readings missing")
         lines = tuple(runs.lines[i] for i in at) if runs.lines else ()
-        read = {n: read_as for n in MOTIONS if n in frame} | {joint.name: ("target", stated)}
+        read = {n: read_as for n in MOTIONS if n in frame} | {joint.name: ReadAs("target", stated)}
         return Recording(frame, units, lines, tuple(notes), read_as=read)
 
 
 def _deviations(
     raw: RawFile, asked: Asked, runs: Runs, target: Array, joint: Joint, usual: str
-) -> tuple[Array, str, tuple[str, str]]:
+) -> tuple[Array, str, ReadAs]:
     """Readings less targets in mm or rad, what the readings were, and the word for them with their unit.
 
     `usual`: unit of the targets, which positions beside them have where they state none.
@@ -147,12 +147,12 @@ def _deviations(
     span = float(np.ptp(target))
     off = values - target[:, None]
     if "deviation" not in asked.units and span > 0 and float(np.nanmax(np.abs(off))) < NEAR * span:
-        return np.asarray(off), "measured positions", ("actual", unit or usual)
+        return np.asarray(off), "measured positions", ReadAs("actual", unit or usual)
     if not unit:
         _refuse_other_targets(raw.name, runs, target, values, span)
         cure = f"Say it with --units deviation={'arcsec' if joint.type == 'rotary' else 'um'}, or what it is"
         raise InputError(raw.name, "no unit of the deviations", cure)
-    return np.asarray(values), f"deviations in {unit}", ("deviation", unit)
+    return np.asarray(values), f"deviations in {unit}", ReadAs("deviation", unit)
 
 
 def _refuse_other_targets(name: str, runs: Runs, target: Array, values: Array, span: float) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS, unit_of
 from errormodel.exceptions import InputError
-from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.base import Asked, RawFile, RawFormat, ReadAs, Recording
 from errormodel.raw_formats.direction_words import sides
 from errormodel.raw_formats.positioning import axis_above, joint_for, motion_rows, other_axis
 from errormodel.raw_formats.table_columns import columns_of, numbers
@@ -104,9 +104,9 @@ class PositioningTest(RawFormat):
             less = to_internal(actual, stated, quantity) - to_internal(target, unit, quantity)
         if "deviation" in found:
             _refuse_unlike(table, found, raw.name, to_internal(reading, own, quantity), less)
-            read_as = ("deviation", own)
+            read_as = ReadAs("deviation", own)
         else:
-            read_as = ("actual", stated)
+            read_as = ReadAs("actual", stated)
             own, reading = "rad" if joint.type == "rotary" else "mm", less
         side = np.full(len(frame), np.nan)
         if "side" in found:
@@ -122,7 +122,7 @@ class PositioningTest(RawFormat):
         position = to_internal(target, unit, quantity)
         rows = motion_rows(joint, np.degrees(position) if usual == "deg" else position, reading, own, run, side)
         units = {joint.name: usual} | {name: unit_of(name) for name in MOTIONS if name in rows}
-        read = {name: read_as for name in MOTIONS if name in rows} | {joint.name: ("target", unit)}
+        read = {name: read_as for name in MOTIONS if name in rows} | {joint.name: ReadAs("target", unit)}
         return Recording(rows, units, table.lines, (*table.notes, *notes), read_as=read)
 
 

@@ -17,6 +17,7 @@ from errormodel.surveys.columns import unit_of_column
 from errormodel.units import factor
 
 if TYPE_CHECKING:
+    from errormodel.raw_formats.base import ReadAs
     from errormodel.surveys.file import SurveyUnits
 
 Array = NDArray[np.float64]
@@ -51,7 +52,7 @@ def central_range(values: Array, run: Array | None = None) -> float:
 
 
 def check_motions(
-    frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name: str, read_as: Mapping[str, tuple[str, str]] | None
+    frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name: str, read_as: Mapping[str, ReadAs] | None
 ) -> list[str]:
     """Notes on error motions that vary by more than a machine's do, where the user has stated their unit.
 
@@ -74,7 +75,7 @@ def check_motions(
         values = rows[motion].to_numpy(dtype=np.float64)
         position = rows[joint.name].to_numpy(dtype=np.float64)
         linear, way = motion in TRANSLATIONS, float(np.ptp(position)) if joint.type == "prismatic" else 0.0
-        word, unit = (read_as or {}).get(motion) or (motion, "")
+        word, unit, _ = (read_as or {}).get(motion) or (motion, "", "")
         if linear and way > 0:
             _refuse_positions(f"{name}, column {motion}", joint, motion, values, position, word, unit)
         spread = central_range(values, rows["run"].to_numpy() if "run" in rows else None)

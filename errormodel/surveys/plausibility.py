@@ -22,6 +22,7 @@ from errormodel.surveys.motion_sizes import FEWEST_ROWS, UNITS_MM, check_motions
 from errormodel.units import factor
 
 if TYPE_CHECKING:
+    from errormodel.raw_formats.base import ReadAs
     from errormodel.surveys.file import SurveyUnits
 
 Array = NDArray[np.float64]
@@ -47,7 +48,7 @@ def check_sizes(
     units: SurveyUnits,
     name: str,
     measured: bool,
-    read_as: Mapping[str, tuple[str, str]] | None = None,
+    read_as: Mapping[str, ReadAs] | None = None,
 ) -> list[str]:
     """Refuse a file with an impossible unit of length; note implausible units of angle, temperature and time.
 
@@ -80,9 +81,9 @@ def check_sizes(
         return [f"{name}: {note}" for note in said if note]
     prismatic = [j for j in machine.joints if j.type == "prismatic"]
     sample = _sample(frame, machine) if measured else None
-    notes = [*said, _check_commands(frame, prismatic, units, name, sample)]
+    notes = [*said, _check_commands(frame, prismatic, units, name, sample, read_as)]
     if sample is not None:
-        _check_measured(sample, prismatic, units, name)
+        _check_measured(sample, prismatic, units, name, read_as)
     notes += [None if measured else _tools(frame, machine)]
     notes += [_radians(frame, machine, units, sample), _temperatures(frame, units), _pace(frame, prismatic, units)]
     return [f"{name}: {note}" for note in notes if note]
@@ -125,15 +126,14 @@ def _check_commands(
     units: SurveyUnits,
     name: str,
     sample: _Sample | None,
-    read_as: Mapping[str, tuple[str, str]] | None = None,
+    read_as: Mapping[str, ReadAs] | None = None,
 ) -> str | None:
     """Raise InputError if positions of moving prismatic joints are off their travels and another unit brings all back.
 
     A note if they are not off but would fill all travels in inches.
     """
     moving = [(j, frame[j.name].to_numpy()) for j in joints if np.ptp(frame[j.name].to_numpy()) > 0]
-    own = {n: (word, unit) for n, (word, unit) in (read_as or {}).items() if unit}
-    said = {own[j.name][1] if j.name in own else unit_of_column(j.name, "length", units) for j, _ in moving}
+    said = {_unit_read(j.name, units, read_as) for j, _ in moving}
     if len(said) != 1:  # no joint moves, or the columns have units of their own
         return None
     moved = [j.name for j, _ in moving]
@@ -158,31 +158,32 @@ def _check_commands(
                 and sample.agreement() <= _WRONG_UNIT_SHARE
                 and sample.agreement(lengths=scale) > _OTHER_UNIT_SHARE
             )
-            if all(n in own for n in moved):
-                words = ",".join(f"{word}={unit}" for word in dict.fromkeys(own[n][0] for n in moved))
-                cure = f"If they are, import again with --units {words}, and likewise of readings that are positions"
-                raise InputError(f"{name}, columns {names}", found, cure)
             columns = [j.name for j in joints] if alone else moved
-            cure = f"Write {_cure(columns, unit, units, alone=alone or len(joints) == 1)}"
+            cure = _cure(columns, unit, units, read_as, alone=alone or len(joints) == 1)
             kept = ", ".join(f"{n}: {unit_of_column(n, 'length', units)}" for n in moved)
-            also = "" if outside else f"; if they are right, units: {{{kept}}}"
-            raise InputError(f"{name}, columns {names}", found, f"{cure} in a survey.yaml{also}")
+            also = "" if outside or whole else f"; if they are right, units: {{{kept}}}"
+            raise InputError(f"{name}, columns {names}", found, f"{cure[0].upper()}{cure[1:]}{also}")
         if fits and (filled * scale).min() > 0.7 and len(moving) > 1 and unit == "inch":
-            cure = _cure(moved, unit, units)
-            return f"{names} fill their travels if they are in inch; if so, write {cure}"
+            cure = _cure(moved, unit, units, read_as)
+            return f"{names} fill their travels if they are in inch; if so, {cure}"
     return None
 
 
-def _short_test(frame: pd.DataFrame, joint: Joint, read_as: Mapping[str, tuple[str, str]] | None) -> str | None:
+def _short_test(frame: pd.DataFrame, joint: Joint, read_as: Mapping[str, ReadAs] | None) -> str | None:
     """Note if the targets of a raw file of one joint cover next to nothing of its travel, and most of it in inches."""
     q = frame[joint.name].to_numpy(dtype=np.float64)
     share = float(np.ptp(q)) / (joint.travel[1] - joint.travel[0])
     inch = UNITS_MM["inch"]
-    if read_as is None or not _INCHES_OF_TRAVEL < inch * share < 1 or not np.all(_near_travel(joint, inch * q)):
+    if (
+        read_as is None
+        or joint.name not in read_as
+        or not _INCHES_OF_TRAVEL < inch * share < 1
+        or not np.all(_near_travel(joint, inch * q))
+    ):
         return None
     text = f"targets of {joint.name} from {q.min():.4g} to {q.max():.4g} mm, {100 * share:.0f} % of its travel; in "
     text += f"inches they would cover {100 * inch * share:.0f} %. If they are, import again with --units "
-    if joint.name not in read_as:
+    if read_as[joint.name].word == joint.name:
         return f"{text}{joint.name}=inch, and likewise of what else is in inches"
     return f"{text}target=inch, and actual=inch, deviation=inch of what else is in inches"
 
@@ -199,10 +200,31 @@ def _other_units(unit: str) -> Iterator[tuple[float, str]]:
     return ((mm / said, other) for other, mm in UNITS_MM.items() if mm != said)
 
 
-def _cure(columns: Sequence[str], unit: str, units: SurveyUnits, alone: bool = False) -> str:
+def _unit_read(name: str, units: SurveyUnits, read_as: Mapping[str, ReadAs] | None) -> str:
+    """The unit as which a column of lengths was read."""
+    own = (read_as or {}).get(name)
+    return own.unit if own is not None and own.unit else unit_of_column(name, "length", units)
+
+
+def _cure(
+    columns: Sequence[str],
+    unit: str,
+    units: SurveyUnits,
+    read_as: Mapping[str, ReadAs] | None,
+    alone: bool = False,
+) -> str:
     """Correction for columns in another unit: for all lengths, or for these columns if `alone` or stated singly."""
+    if read_as is not None:  # what a raw file states of a column goes before a unit by kind: each is named
+        same = {_unit_read(n, units, read_as) for n in columns}
+        more = [] if alone else [n for n in MEASURED if n in read_as and read_as[n].unit in same]
+        words: dict[str, list[str]] = {}
+        for own in (read_as[n] for n in (*columns, *more) if n in read_as):
+            words.setdefault(own.option, []).append(f"{own.word}={unit}")
+        options = " ".join(f"{option} {','.join(dict.fromkeys(said))}" for option, said in words.items())
+        also = ", and likewise of readings that are positions" if any(read_as[n].word != n for n in columns) else ""
+        return f"import again with {options}{also}"
     keys = columns if alone or any(c in units.of_columns for c in columns) else ["length"]
-    return f"units: {{{', '.join(f'{key}: {unit}' for key in keys)}}}"
+    return f"write units: {{{', '.join(f'{key}: {unit}' for key in keys)}}} in a survey.yaml"
 
 
 @dataclass(frozen=True)
@@ -253,7 +275,9 @@ def _sample(frame: pd.DataFrame, machine: Machine) -> _Sample | None:
     return _Sample(machine, rows, frame[components].to_numpy(dtype=np.float64), tuple(components))
 
 
-def _check_measured(sample: _Sample, prismatic: list[Joint], units: SurveyUnits, name: str) -> None:
+def _check_measured(
+    sample: _Sample, prismatic: list[Joint], units: SurveyUnits, name: str, read_as: Mapping[str, ReadAs] | None
+) -> None:
     """Raise InputError if the distances between measured points are off by the factor of another unit."""
     if sample.agreement() > _WRONG_UNIT_SHARE:
         return
@@ -263,15 +287,15 @@ def _check_measured(sample: _Sample, prismatic: list[Joint], units: SurveyUnits,
     for measured in (believed, not believed):
         columns, others = [*MEASURED], [j.name for j in prismatic]
         columns, others = (columns, others) if measured else (others, columns)
-        said = {unit_of_column(c, "length", units) for c in columns} or {units.length}
+        said = {_unit_read(c, units, read_as) for c in columns} or {units.length}
         for scale, unit in _other_units(*said) if len(said) == 1 else ():
             fits = sample.agreement(measured=scale) if measured else sample.agreement(lengths=scale)
             if fits > _OTHER_UNIT_SHARE:
-                stated = ", ".join(dict.fromkeys(unit_of_column(c, "length", units) for c in others)) or units.length
+                stated = ", ".join(dict.fromkeys(_unit_read(c, units, read_as) for c in others)) or units.length
                 where = " ".join(others) or "the machine"
                 found = f"in {unit}, it seems, where {where} {'are' if others else 'is'} in {stated}"
                 present = [*sample.components] if measured else columns
-                cure = f"If so, write {_cure(present, unit, units, alone=True)} in a survey.yaml"
+                cure = f"If so, {_cure(present, unit, units, read_as, alone=True)}"
                 raise InputError(f"{name}, columns {' '.join(columns)}", found, cure)
 
 

@@ -19,7 +19,7 @@ from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.formats.data_frame import FrameTable
 from errormodel.machine import Machine
-from errormodel.raw_formats.base import Asked, RawFile, Recording, called, format_of, open_raw, raw_formats
+from errormodel.raw_formats.base import Asked, RawFile, ReadAs, Recording, called, format_of, open_raw, raw_formats
 from errormodel.raw_formats.direction_words import sides
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.surveys.columns import (
@@ -56,7 +56,7 @@ class RawTable(FrameTable):
     lines: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()  # on how the raw files were read
     units: Mapping[str, str] = field(default_factory=dict)  # of columns whose unit was stated, as they now are
-    read_as: Mapping[str, tuple[str, str]] = field(default_factory=dict)  # of error motions, as in `Recording`
+    read_as: Mapping[str, ReadAs] = field(default_factory=dict)  # of lengths and error motions
 
     def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
         frame, notes = super().read(numbers, texts)
@@ -127,12 +127,16 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
             columns[own] = frame[own]
             if own in recording.units:
                 units[own] = recording.units[own]
+    read_as: dict[str, ReadAs] = {}
     for name, column in columns.items():
         stated_all = recording.length_unit if _is_coordinate(name, machine) and name not in units else ""
-        columns[name] = _converted(entry, machine, name, column, units.get(name, stated_all))
+        unit = _unit_read(entry, machine, name, units.get(name, stated_all))
+        columns[name] = _converted(entry, machine, name, column, unit)
+        if unit and column.dtype.kind == "f":
+            read_as[name] = ReadAs(name, unit)
     _check_units(entry, columns)
-    read_as = {n: (n, units.get(n, "")) for n in columns if n in MOTIONS} | dict(recording.read_as)
-    own_words = {n: asked[word] for n, (word, _) in read_as.items() if word in asked and n in MOTIONS}
+    read_as |= recording.read_as
+    own_words = {n: asked[r.word] for n, r in read_as.items() if r.word in asked and n in MOTIONS}
     stated = {n: u for n in columns if (u := entry.units.get(n) or own_words.get(n) or _said(n, units))}
     told = "length" in entry.units or {*MEASURED} <= {*entry.units}
     notes = tuple(note for note in recording.notes if not (told and note.startswith(UNSTATED)))
@@ -168,16 +172,24 @@ def _check_units(entry: RawEntry, columns: Mapping[str, Any]) -> None:
             raise InputError(f"{entry.path}, units: {name}", "no column of this file", nearest(name, columns))
 
 
-def _converted(entry: RawEntry, machine: Machine, name: str, column: Any, stated: str) -> Any:
-    """A column in the unit that a survey's table has by default."""
+def _unit_read(entry: RawEntry, machine: Machine, name: str, stated: str) -> str:
+    """The unit as which a column is read: said of it, stated in the file, said of its kind, or the usual one."""
+    quantity = quantity_of(name.removeprefix(READ_BACK), machine)
+    if quantity is None:
+        return ""
+    usual = unit_of_column(name.removeprefix(READ_BACK), quantity, SurveyUnits())
+    kind = entry.units.get(quantity, "") if not stated and name not in entry.units else ""
+    return unit_word(entry.units.get(name, stated or kind or usual))
+
+
+def _converted(entry: RawEntry, machine: Machine, name: str, column: Any, unit: str) -> Any:
+    """A column in `unit` in the unit that a survey's table has by default."""
     quantity = quantity_of(name.removeprefix(READ_BACK), machine)
     if name.startswith("dir_") and column.dtype.kind != "f":
         return sides(column, lambda row: f"{entry.path}, row {row + 1}, column {name}")
     if quantity is None or column.dtype.kind != "f":
         return column
     usual = unit_of_column(name.removeprefix(READ_BACK), quantity, SurveyUnits())
-    kind = entry.units.get(quantity, "") if not stated and name not in entry.units else ""
-    unit = unit_word(entry.units.get(name, stated or kind or usual))
     if not is_unit(unit, quantity):
         where = f"{entry.path}, column {name}"
         cure = f"Say it with units: {{{name}: ..}}, a unit of {quantity}, such as {UNIT_EXAMPLES[quantity]}"
@@ -209,7 +221,9 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
     command_units = {} if commands is None else commands.units
     units = {n: u for n, u in {**command_units, **measured.units}.items() if u and n in table}
     own = as_table(table, measured.dated, entry.path, lines, machine)
-    return replace(own, notes=notes, units=units, read_as=measured.read_as)
+    of_commands = {} if commands is None else commands.read_as
+    read_as = {n: r._replace(option="--command-units") for n, r in of_commands.items()} | measured.read_as
+    return replace(own, notes=notes, units=units, read_as={n: r for n, r in read_as.items() if n in table})
 
 
 def joined(

@@ -23,6 +23,7 @@ from errormodel.surveys.pairs import PairTable
 from identification.importing.clock_jumps import refuse_backwards, unordered_times
 from identification.importing.exchanged_rows import CURE as FOUND_CURE
 from identification.importing.geometry import Nominal
+from identification.importing.near_causes import other_cause
 from identification.importing.nearest import find_pairing
 from identification.importing.other_orders import CURE
 from identification.importing.pairing import NEAREST, Pairs, middles, pair, points_of
@@ -216,6 +217,10 @@ def _with_nearest(
     measured = aligned[0][1]
     found = find_pairing(path, measured, seed) if np.isfinite(measured).all() else None
     if found is None:
+        cause = other_cause(path, measured, seed, points[0].mm_a_unit)
+        if cause is not None:
+            found_text = f"{error.found}. What fits instead: with --match nearest, {cause[0]}"
+            return InputError(error.where, found_text, f"{cause[1]}; and add --match nearest")
         cure = error.cure.replace(ONLY_SERIAL, OTHER_COMMANDS)
         return InputError(error.where, f"{error.found}{commanded.broken_off}", cure)
     if found.ways > 1 or np.array_equal(found.command, pairs[0].command):

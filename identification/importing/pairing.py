@@ -14,6 +14,7 @@ from identification.importing.dwell_commands import ONE_PLACE, dwells_of, left_m
 from identification.importing.dwells import Dwells
 from identification.importing.geometry import Nominal, fitted_targets, turns_tool
 from identification.importing.matching import NAMED, Matched, by_name, by_order, by_time, common_names
+from identification.importing.near_causes import refuse_cause
 from identification.importing.nearest import find_pairing
 from identification.importing.sources import SourceFile, Wishes
 from identification.importing.words import LISTED, counted, row_ranges
@@ -263,6 +264,7 @@ def _nearest(
             f"{commands.broken_off}; "
             f"the points reach {_reach(middle):.0f} mm, the commands {_reach(path):.0f} mm"
         )
+        refuse_cause(path if rests is None else path[rests], middle, seed, source.mm_a_unit, source.raw.name, text)
         again = [note for note in commands.recording.notes if "counted as one pose" in note]
         text += f"; {again[0]}" if again else ""
         cure = "See that machine, tool, units and hand are right, and that these commands were measured"

@@ -35,6 +35,11 @@ FEWEST_OF_UNIT = 4  # points, for their unit to be judged
 LEAST_SPREAD = 1e-6  # mm: commands at one place
 DEGREES = "multiplied by 57.29"  # of joints in a message: degrees a radian
 BETTER = 10.0  # times nearer, with one sign turned
+MIRROR_CURE = (
+    "One coordinate has the other sign, or two are exchanged (a left-handed frame), in the measurements or in the "
+    "commands. Turn it where it is wrong: --columns mz=-Z or mx=Y,my=X (mz=-mz, mx=my,my=mx of formats that name their "
+    "columns), or --command-columns with the sign or exchange of a joint"
+)
 UNIT_SLACK = 0.02  # of a factor: errors of a machine are far smaller
 
 
@@ -175,7 +180,12 @@ def refuse_unit(nominal: Array, measured: Array, name: str, read_as: float = 1.0
                 f"measured points that reach {part.reach:.4g} mm where the commanded ones reach {part.spread:.4g} mm: "
                 f"in {unit} they fit to {1e3 * scaled.misfit():.0f} um"
             )
-            raise InputError(name, found, f"Say it with --units mx={unit},my={unit},mz={unit}, if that is their unit")
+            raise InputError(name, found, unit_cure(unit))
+
+
+def unit_cure(unit: str) -> str:
+    """What to write where measured points fit in another unit."""
+    return f"Say it with --units mx={unit},my={unit},mz={unit}, if that is their unit"
 
 
 def _refuse_mirror(parts: list[tuple[Index, Points]], survey: Survey) -> None:
@@ -190,13 +200,7 @@ def _refuse_mirror(parts: list[tuple[Index, Points]], survey: Survey) -> None:
                 f"measured points that are the mirror image of the commanded ones: they lie {before:.3g} mm from them, "
                 f"with one sign turned {1e3 * after:.0f} um"
             )
-            cure = (
-                "One coordinate has the other sign, or two are exchanged (a left-handed frame), in the measurements "
-                "or in the commands. Turn it where it is wrong: --columns mz=-Z or mx=Y,my=X "
-                "(mz=-mz, mx=my,my=mx of formats that name their columns), or --command-columns with the sign or "
-                "exchange of a joint"
-            )
-            raise InputError(_place(survey), found, cure)
+            raise InputError(_place(survey), found, MIRROR_CURE)
 
 
 def _refuse_mistakes(machine: Machine, survey: Survey, parts: list[tuple[Index, Points]]) -> None:
