@@ -141,7 +141,7 @@ def _check_commands(
     filled = np.array([np.ptp(q) / (j.travel[1] - j.travel[0]) for j, q in moving])
 
     def inside(scale: float) -> list[float]:
-        return [float(np.mean(_near_travel(j, q * scale))) for j, q in moving]
+        return [float(np.mean(near_travel(j, q * scale))) for j, q in moving]
 
     outside, partly = min(inside(1.0)) < 0.05, min(inside(1.0)) < _FEW_INSIDE
     # all poses within a thousandth of the machine, or one axis over a thousandth of most of its travel: metres
@@ -178,7 +178,7 @@ def _short_test(frame: pd.DataFrame, joint: Joint, read_as: Mapping[str, ReadAs]
         read_as is None
         or joint.name not in read_as
         or not _INCHES_OF_TRAVEL < inch * share < 1
-        or not np.all(_near_travel(joint, inch * q))
+        or not np.all(near_travel(joint, inch * q))
     ):
         return None
     text = f"targets of {joint.name} from {q.min():.4g} to {q.max():.4g} mm, {100 * share:.0f} % of its travel; in "
@@ -188,7 +188,8 @@ def _short_test(frame: pd.DataFrame, joint: Joint, read_as: Mapping[str, ReadAs]
     return f"{text}target=inch, and actual=inch, deviation=inch of what else is in inches"
 
 
-def _near_travel(joint: Joint, q: Array) -> NDArray[np.bool_]:
+def near_travel(joint: Joint, q: Array) -> NDArray[np.bool_]:
+    """Whether positions (n,) lie within the travel of a joint, or a tenth of it beside."""
     low, high = joint.travel
     slack = 0.1 * (high - low)
     return (q > low - slack) & (q < high + slack)
@@ -283,7 +284,7 @@ def _check_measured(
         return
     row = {j.name: q for j, q in zip(sample.machine.joints, sample.rows[:-3], strict=True)}
     # either side may be in the wrong unit: the commands are believed if they fit the travels
-    believed = all(np.mean(_near_travel(j, row[j.name])) > 0.5 for j in prismatic)
+    believed = all(np.mean(near_travel(j, row[j.name])) > 0.5 for j in prismatic)
     for measured in (believed, not believed):
         columns, others = [*MEASURED], [j.name for j in prismatic]
         columns, others = (columns, others) if measured else (others, columns)

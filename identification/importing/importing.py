@@ -20,6 +20,7 @@ from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.survey import Survey, read_survey
 from errormodel.surveys.file import SURVEY_FILE
 from errormodel.surveys.pairs import PairTable
+from errormodel.surveys.plausibility import near_travel
 from identification.importing.clock_jumps import refuse_backwards, unordered_times
 from identification.importing.exchanged_rows import CURE as FOUND_CURE
 from identification.importing.geometry import Nominal
@@ -43,6 +44,7 @@ OTHER_COMMANDS = (
 Both: TypeAlias = tuple[Array, Array]  # nominal and measured points
 
 MOST_TARGETS, FEWEST_OF_TARGET = 8, 4  # words of a column that may name reflectors, and rows of each; by judgement
+ON_TRAVEL = 0.5  # of the commands: with fewer on the travels their unit is doubted, and not that of the measurements
 SAME_FRAME = 3.0  # times the misfit of the better file alone: so far may two files in one frame be off; by judgement
 
 
@@ -121,7 +123,10 @@ def import_files(
     pairs = [pair(source, commanded, chain, wishes, seed) for source in points]
     aligned = [_places(source, own, commanded, chain) for source, own in zip(points, pairs, strict=True)]
     for source, (nominal, measured) in zip(points, aligned, strict=True):
-        refuse_unit(nominal, measured, source.raw.name, source.mm_a_unit)
+        if _on_travels(
+            commanded or source, machine
+        ):  # else the unit of the commands is wrong, as the survey's check says
+            refuse_unit(nominal, measured, source.raw.name, source.mm_a_unit)
         refuse_partial(nominal, measured, source.raw.name)
     readings = join_readings(single, commanded, chain, wishes)
     warnings: list[str] = []
@@ -183,6 +188,12 @@ def _with_clock(source: SourceFile, own: Pairs, needed: bool, warnings: list[str
         refuse_backwards(when, source.raw.name)
     warnings.append(f"{source.raw.path.name}: {text}")
     return source.without("time") if own.averaged else source
+
+
+def _on_travels(commands: SourceFile, machine: Machine) -> bool:
+    """Whether most positions of each linear joint lie within its travel."""
+    linear = [j for j in machine.joints if j.type == "prismatic" and j.name in commands.recording.frame]
+    return all(np.mean(near_travel(j, commands.column(j.name))) > ON_TRAVEL for j in linear)
 
 
 def _with_notes(texts: list[str], survey: Survey, files: Mapping[str, bytes]) -> tuple[Survey, dict[str, bytes]]:
