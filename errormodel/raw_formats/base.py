@@ -109,6 +109,8 @@ class Recording:
         Unit that the file states for all its coordinates and not column by column; empty: none.
     again : tuple of int
         Rows of commands, from 0, at whose places the machine was commanded to and waited again: a row each time.
+    beside_targets : bool
+        Whether error motions come from positions that were compared with their targets, row by row.
     read_as : mapping
         Of columns that the format has computed and converted, from what and as which unit that was read.
     """
@@ -123,6 +125,7 @@ class Recording:
     calibrated: bool = False
     length_unit: str = ""
     again: tuple[int, ...] = ()
+    beside_targets: bool = False
     read_as: Mapping[str, ReadAs] = field(default_factory=dict)
 
 

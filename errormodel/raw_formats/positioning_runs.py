@@ -128,7 +128,7 @@ class PositioningRuns(RawFormat):
             notes.append(f"{missing} readings missing")
         lines = tuple(runs.lines[i] for i in at) if runs.lines else ()
         read = {n: read_as for n in MOTIONS if n in frame} | {joint.name: ReadAs("target", stated)}
-        return Recording(frame, units, lines, tuple(notes), read_as=read)
+        return Recording(frame, units, lines, tuple(notes), beside_targets=read_as.word == "actual", read_as=read)
 
 
 def _deviations(

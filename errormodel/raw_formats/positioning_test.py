@@ -123,7 +123,9 @@ class PositioningTest(RawFormat):
         rows = motion_rows(joint, np.degrees(position) if usual == "deg" else position, reading, own, run, side)
         units = {joint.name: usual} | {name: unit_of(name) for name in MOTIONS if name in rows}
         read = {name: read_as for name in MOTIONS if name in rows} | {joint.name: ReadAs("target", unit)}
-        return Recording(rows, units, table.lines, (*table.notes, *notes), read_as=read)
+        return Recording(
+            rows, units, table.lines, (*table.notes, *notes), beside_targets="actual" in found, read_as=read
+        )
 
 
 def _refuse_unlike(table: Recording, found: dict[str, str], name: str, deviation: Array, less: Array) -> None:

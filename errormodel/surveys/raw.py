@@ -136,7 +136,7 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
             read_as[name] = ReadAs(name, unit)
     _check_units(entry, columns)
     read_as |= recording.read_as
-    own_words = {n: asked[r.word] for n, r in read_as.items() if r.word in asked and n in MOTIONS}
+    own_words: dict[str, str] = {n: asked[r.word] for n, r in read_as.items() if r.word in asked and n in MOTIONS}
     stated = {n: u for n in columns if (u := entry.units.get(n) or own_words.get(n) or _said(n, units))}
     told = "length" in entry.units or {*MEASURED} <= {*entry.units}
     notes = tuple(note for note in recording.notes if not (told and note.startswith(UNSTATED)))
@@ -222,7 +222,8 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
     units = {n: u for n, u in {**command_units, **measured.units}.items() if u and n in table}
     own = as_table(table, measured.dated, entry.path, lines, machine)
     of_commands = {} if commands is None else commands.read_as
-    read_as = {n: r._replace(option="--command-units") for n, r in of_commands.items()} | measured.read_as
+    read_as = {n: r._replace(option="--command-units") for n, r in of_commands.items()}
+    read_as |= measured.read_as
     return replace(own, notes=notes, units=units, read_as={n: r for n, r in read_as.items() if n in table})
 
 

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.files import write_bytes_atomic
@@ -177,10 +177,10 @@ def _with_clock(source: SourceFile, own: Pairs, needed: bool, warnings: list[str
     if own.offset is not None or "time" not in source.recording.frame:
         return source  # joined by time: the clock was judged there
     when, frame = source.column("time"), source.recording.frame
-    groups = np.zeros(source.rows, dtype=np.intp)
+    groups: Index = np.zeros(source.rows, dtype=np.intp)
     labels = [n for n in ("run", "station", "target") if n in frame and not own.averaged]
     if labels:
-        groups = frame.groupby(labels, sort=False).ngroup().to_numpy()
+        groups = frame.groupby(labels, sort=False).ngroup().to_numpy(dtype=np.intp)
     text = unordered_times(when, groups, own.averaged)
     if not text:
         return source

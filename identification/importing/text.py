@@ -81,6 +81,12 @@ def _fits(imported: Imported) -> Iterator[str]:
         yield from proof_lines(proof, survey)
     else:
         yield from _without_points(survey)
+    bare = [s.raw.path.name for s in imported.sources if s.what == "motions" and not s.recording.beside_targets]
+    if bare:
+        yield (
+            f"{', '.join(bare)}: deviations have no place of their own: rows that are shifted by one, or two that are "
+            "exchanged, do not show"
+        )
 
 
 def _without_points(survey: Survey) -> Iterator[str]:

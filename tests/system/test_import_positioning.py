@@ -324,3 +324,18 @@ def test_a_row_a_run_with_numbers_and_directions(tmp_path: Path) -> None:
     (tmp_path / "x.csv").write_text(wide(np.roll(positions, 1, axis=0)))
     with pytest.raises(InputError, match=r"near other targets than their own: 150.* at target -150"):
         import_survey(tmp_path / "x.csv", MILL, joint="X")
+
+
+@pytest.mark.parametrize("positions", [False, True])
+def test_deviations_alone_prove_no_order(positions: bool, tmp_path: Path) -> None:
+    table("arrows", positions).to_csv(tmp_path / "x.csv", index=False)
+    said = (
+        "shifted by one, or two that are exchanged, do not show"
+        in import_survey(
+            tmp_path / "x.csv",
+            MILL,
+            joint="X",
+            units={"actual" if positions else "deviation": "mm" if positions else "um"},
+        ).summary()
+    )
+    assert said is not positions
