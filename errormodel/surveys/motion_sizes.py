@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pandas as pd
@@ -14,7 +14,7 @@ from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine
 from errormodel.surveys.columns import unit_of_column
-from errormodel.units import Quantity, factor
+from errormodel.units import factor
 
 if TYPE_CHECKING:
     from errormodel.raw_formats.base import ReadAs
@@ -103,7 +103,7 @@ def _cure(motion: str, word: str, unit: str, own: str, spread: float, usual: flo
     smaller = "um" if motion in TRANSLATIONS else "urad"
     if table:
         return f"Write units: {{{motion}: {smaller}}} in a survey.yaml; if it is so, units: {{{motion}: {own}}}"
-    quantity: Quantity = "length" if motion in TRANSLATIONS else "angle"
+    quantity: Literal["length", "angle"] = "length" if motion in TRANSLATIONS else "angle"
     said = unit or own
     of_deviations = word != "actual"  # another unit of positions changes their scale, and not their deviations alone
     fits = of_deviations and spread * factor(smaller, quantity) / factor(said, quantity) <= usual and said != smaller

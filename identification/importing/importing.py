@@ -180,7 +180,7 @@ def _with_clock(source: SourceFile, own: Pairs, needed: bool, warnings: list[str
     groups: Index = np.zeros(source.rows, dtype=np.intp)
     labels = [n for n in ("run", "station", "target") if n in frame and not own.averaged]
     if labels:
-        groups = frame.groupby(labels, sort=False).ngroup().to_numpy(dtype=np.intp)
+        groups = np.array(frame.groupby(labels, sort=False).ngroup(), dtype=np.intp)
     text = unordered_times(when, groups, own.averaged)
     if not text:
         return source
