@@ -174,12 +174,9 @@ def _check_units(entry: RawEntry, columns: Mapping[str, Any]) -> None:
 
 def _unit_read(entry: RawEntry, machine: Machine, name: str, stated: str) -> str:
     """The unit as which a column is read: said of it, stated in the file, said of its kind, or the usual one."""
-    quantity = quantity_of(name.removeprefix(READ_BACK), machine)
-    if quantity is None:
-        return ""
-    usual = unit_of_column(name.removeprefix(READ_BACK), quantity, SurveyUnits())
+    quantity = quantity_of(name.removeprefix(READ_BACK), machine) or ""
     kind = entry.units.get(quantity, "") if not stated and name not in entry.units else ""
-    return unit_word(entry.units.get(name, stated or kind or usual))
+    return unit_word(entry.units.get(name, stated or kind or _usual(name, machine)))
 
 
 def _converted(entry: RawEntry, machine: Machine, name: str, column: Any, unit: str) -> Any:
@@ -218,11 +215,9 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
         table = with_log(table, measured.dated, recording, log, entry.path)
     said = bool(entry.sha256)  # an import that took the file in said how it was read
     notes = () if said else (*measured.notes, *(n for r in (commands, *read) if r is not None for n in r.notes))
-    command_units = {} if commands is None else commands.units
-    units = {n: u for n, u in {**command_units, **measured.units}.items() if u and n in table}
+    units = {n: u for r in (commands, measured) if r is not None for n, u in r.units.items() if u and n in table}
     own = as_table(table, measured.dated, entry.path, lines, machine)
-    of_commands = {} if commands is None else commands.read_as
-    read_as = {n: r._replace(option="--command-units") for n, r in of_commands.items()}
+    read_as = {} if commands is None else {n: r._replace(option="--command-units") for n, r in commands.read_as.items()}
     read_as |= measured.read_as
     return replace(own, notes=notes, units=units, read_as={n: r for n, r in read_as.items() if n in table})
 
