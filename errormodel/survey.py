@@ -190,7 +190,8 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
         part.frame["file"] = label
         notes |= dict.fromkeys(f"{label}: {note}" for note in part.notes)
         notes |= dict.fromkeys(f"{label}: {note}" for note in check_series(part.frame, machine, label))
-        notes |= dict.fromkeys(check_sizes(part.frame, machine, settings.units, label, measured))
+        read_as = getattr(tables[0], "read_as", None) if entry.format else None
+        notes |= dict.fromkeys(check_sizes(part.frame, machine, settings.units, label, measured, read_as))
         parts.append(part)
     if measured and all(entry.role == "test" for entry in form.files):
         raise document.error(("files",), "only test files", "Give at least one file the role fit")

@@ -24,6 +24,7 @@ MOST_STEPS = 5  # in one recording
 MOST_EVALUATIONS = 50  # of one start: where lengths fit a station, 33 were the most
 MOST_TURNS = 10  # of the robust estimation, and
 SETTLED = 0.5  # of the scale before: less of a change ends it
+FAR_AWAY = 100.0  # times the spread of the points: 80 m about a machine of 0.8 m, the range of the instruments
 FLAT = 1e-6  # smallest over largest spread of points below which they lie in a plane or on a line
 
 
@@ -68,12 +69,23 @@ def located(
     for other, its in found[1:] if near is None else ():
         alike = its <= SAME_MISFIT * misfit + ROUND_OFF * reach
         if alike and np.linalg.norm(other[:3] - best[:3]) > SAME_PLACE * reach:
-            one, two = (f"[{', '.join(f'{v:.0f}' for v in s[:3])}]" for s in (best, other))
+            if min(np.linalg.norm(s[:3] - points.mean(axis=0)) for s in (best, other)) > FAR_AWAY * spread:
+                raise ValueError(
+                    f"lengths that fit no station within {FAR_AWAY * spread / 1e3:.0f} m. Look for a wrong sign, unit "
+                    "or column"
+                )
+            one, two = (_shown(s) for s in (best, other))
             raise ValueError(
                 f"lengths that fit a station at {one} and at {two} mm alike. Write near: with the one where it stood, "
                 "roughly"
             )
     return {n: float(best["xyz".index(n)] if n in "xyz" else best[3]) for n in names}
+
+
+def _shown(place: Array) -> str:
+    """A place in mm, of four digits: it is roughly known."""
+    digits = 3 - int(np.floor(np.log10(max(float(np.abs(place[:3]).max()), 1e-3))))
+    return f"[{', '.join(f'{round(float(v), min(digits, 0)) + 0.0:.0f}' for v in place[:3])}]"
 
 
 def interruptions(points: Array, readings: Array, place: Array) -> list[tuple[int, float]]:

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
 from errormodel.discovery import by_word, classes
 from errormodel.exceptions import InputError, nearest
@@ -73,6 +73,14 @@ class Asked:
     units: Mapping[str, str] = field(default_factory=dict)
 
 
+class ReadAs(NamedTuple):
+    """From what a column was read: its word in ``units:``, the unit as which it was read, the option to correct it."""
+
+    word: str
+    unit: str
+    option: str = "--units"
+
+
 @dataclass(frozen=True)
 class Recording:
     """The columns of a raw file.
@@ -101,6 +109,10 @@ class Recording:
         Unit that the file states for all its coordinates and not column by column; empty: none.
     again : tuple of int
         Rows of commands, from 0, at whose places the machine was commanded to and waited again: a row each time.
+    beside_targets : bool
+        Whether error motions come from positions that were compared with their targets, row by row.
+    read_as : mapping
+        Of columns that the format has computed and converted, from what and as which unit that was read.
     """
 
     frame: pd.DataFrame
@@ -113,6 +125,8 @@ class Recording:
     calibrated: bool = False
     length_unit: str = ""
     again: tuple[int, ...] = ()
+    beside_targets: bool = False
+    read_as: Mapping[str, ReadAs] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

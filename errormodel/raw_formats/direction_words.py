@@ -11,12 +11,14 @@ from errormodel.exceptions import InputError
 
 _PLUS = frozenset((
     "+", "+1", "1", "1.0", "forward", "forwards", "fwd", "positive", "pos", "up", "f", "\u2191", "\u2192", "plus",
-    "vor", "vorw\u00e4rts", "vorwaerts", "vw", "v", "hin", "aller", "andata",
+    "vor", "vorw\u00e4rts", "vorwaerts", "vw", "v", "hin", "aller", "andata", "auf", "aufw\u00e4rts", "aufwaerts",
+    "steigend", "positiv", "upward", "upwards", "ascending", "increasing", "avanti", "avant",
 ))  # fmt: skip
 _MINUS = frozenset((
     "-", "-1", "-1.0", "\u2013", "\u2212", "backward", "backwards", "reverse", "rev", "bwd", "back", "negative", "neg",
     "down", "b", "r", "\u2193", "\u2190", "minus", "zur\u00fcck", "zurueck", "zur", "z", "r\u00fcck", "rueck",
-    "r\u00fcckw\u00e4rts", "rueckwaerts", "rw", "her", "retour", "ritorno",
+    "r\u00fcckw\u00e4rts", "rueckwaerts", "rw", "her", "retour", "ritorno", "ab", "abw\u00e4rts", "abwaerts", "fallend",
+    "negativ", "downward", "downwards", "descending", "decreasing", "indietro", "arri\u00e8re", "arriere",
 ))  # fmt: skip
 _TURNS = {
     **dict.fromkeys(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -16,8 +17,13 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import NDArray
 
-    from errormodel.raw_formats.base import Asked
+    from errormodel.raw_formats.base import Asked, RawFile
 
+# of an axis in a line above a table: `Achse: X`, `Axis under test = X`, `X-Achse`
+_AXIS_LINE = re.compile(
+    r"\b(?:achse|axis|axe|asse|eje)\b(?:\s+under\s+test)?\s*[:=;,\t ]\s*([a-z]\d?)\b|\b([a-z]\d?)[ -](?:achse|axis)\b",
+    re.IGNORECASE,
+)
 DEVIATION = "deviation"  # column of readings whose error motion only the user knows
 ALONG_COSINE = 0.9999  # of a joint's axis with x, y or z, from which a reading along it is one error motion
 
@@ -41,6 +47,22 @@ def joint_for(name: str, asked: Asked, hint: str, rotary: bool) -> Joint:
         found = f"it does not say which joint was measured (axis: '{hint}')" if hint else "it names no joint"
         raise InputError(name, found, f"Say it with --joint, one of {', '.join(names)}")
     return own[0]
+
+
+def axis_above(raw: RawFile) -> str:
+    """The axis that lines above a table state; empty where they state none, or several."""
+    table = raw.clear_layout
+    lines = () if table is None else (*table.preamble, *table.comments)
+    letters = {(m[1] or m[2]).upper() for line in lines for m in _AXIS_LINE.finditer(line)}
+    return letters.pop() if len(letters) == 1 else ""
+
+
+def other_axis(joint: Joint, asked: Asked, hint: str) -> list[str]:
+    """A note that a file names another joint of the machine than the one that was asked for."""
+    names = [j.name for j in asked.machine.joints] if asked.machine is not None else []
+    if hint not in names or hint == joint.name:
+        return []
+    return [f"the file says axis {hint}, and --joint {joint.name}: taken as {joint.name}"]
 
 
 def motion_along(joint: Joint) -> tuple[str, int]:

@@ -18,11 +18,11 @@ from errormodel.conventions import MOTIONS, unit_of
 from errormodel.exceptions import InputError
 from errormodel.formats.base import as_numbers
 from errormodel.machine import Joint
-from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
-from errormodel.raw_formats.cells import kind_of
+from errormodel.raw_formats.base import Asked, RawFile, RawFormat, ReadAs, Recording
+from errormodel.raw_formats.cells import kind_of, split
 from errormodel.raw_formats.direction_words import side_of
 from errormodel.raw_formats.layout import Layout
-from errormodel.raw_formats.positioning import joint_for, motion_rows
+from errormodel.raw_formats.positioning import axis_above, joint_for, motion_rows, other_axis
 from errormodel.raw_formats.positioning_test import TARGET, axis_in
 from errormodel.raw_formats.table_columns import table_of_text
 from errormodel.raw_formats.unit_words import bracketed, unit_word, without_tail
@@ -94,8 +94,11 @@ class PositioningRuns(RawFormat):
                 "where all came from smaller positions (- from larger ones); target=.. is the column of the positions"
             )
             raise InputError(raw.name, found, cure)
-        stated = unit_word(asked.units.get("target", runs.target_unit or "mm"))
-        joint = joint_for(raw.name, asked, axis_in(runs.hint), rotary=is_unit(stated, "angle"))
+        stated = unit_word(
+            asked.units.get("target", runs.target_unit or table.length_unit or _unit_above(table) or "mm")
+        )
+        hint = axis_in(runs.hint) or axis_above(raw)
+        joint = joint_for(raw.name, asked, hint, rotary=is_unit(stated, "angle"))
         quantity: Quantity = "angle" if joint.type == "rotary" else "length"
         if not is_unit(stated, quantity):
             usual = "deg" if joint.type == "rotary" else "mm"
@@ -104,7 +107,7 @@ class PositioningRuns(RawFormat):
                 raise InputError(raw.name, found, f"Say --units target={usual}, or another --joint")
             stated = usual
         target = to_internal(runs.targets, stated, quantity)
-        deviation, what = _deviations(raw, asked, runs, target, joint, quantity)
+        deviation, what, read_as = _deviations(raw, asked, runs, target, joint, stated)
         rows = [(k, i) for k in range(len(runs.numbers)) for i in _way(target, runs.sides[k]).tolist()]
         rows = [(k, i) for k, i in rows if np.isfinite(deviation[i, k])]
         run, at = (np.array(part, dtype=np.intp) for part in zip(*rows, strict=True))
@@ -118,31 +121,51 @@ class PositioningRuns(RawFormat):
         count = len({*runs.numbers})
         ways = f"{count} run{'s' * (count > 1)}{', both ways' if len({*runs.sides}) > 1 else ', one way'}"
         notes = [*raw.notes, f"{len(target)} targets, {ways}; {what} of {joint.name} along its axis"]
+        notes += other_axis(joint, asked, hint)
         if runs.left:
             notes.append(f"not used: {', '.join(runs.left)}")
         if missing := int(np.isnan(deviation).sum()):
             notes.append(f"{missing} readings missing")
-        return Recording(frame, units, tuple(runs.lines[i] for i in at) if runs.lines else (), tuple(notes))
+        lines = tuple(runs.lines[i] for i in at) if runs.lines else ()
+        read = {n: read_as for n in MOTIONS if n in frame} | {joint.name: ReadAs("target", stated)}
+        return Recording(frame, units, lines, tuple(notes), beside_targets=read_as.word == "actual", read_as=read)
 
 
 def _deviations(
-    raw: RawFile, asked: Asked, runs: Runs, target: Array, joint: Joint, quantity: Quantity
-) -> tuple[Array, str]:
-    """Readings less targets in mm or rad, and what the readings were."""
+    raw: RawFile, asked: Asked, runs: Runs, target: Array, joint: Joint, usual: str
+) -> tuple[Array, str, ReadAs]:
+    """Readings less targets in mm or rad, what the readings were, and the word for them with their unit.
+
+    `usual`: unit of the targets, which positions beside them have where they state none.
+    """
+    quantity: Quantity = "angle" if joint.type == "rotary" else "length"
     said = next((asked.units[w] for w in ("deviation", "actual") if w in asked.units), runs.unit)
     unit = unit_word(said)
-    usual = "deg" if joint.type == "rotary" else "mm"
     if unit and not is_unit(unit, quantity):
         raise InputError(raw.name, f"the unit '{unit}' of readings of {joint.name}", f"Say --units deviation={usual}")
     values = to_internal(runs.readings, unit or usual, quantity)
     span = float(np.ptp(target))
     off = values - target[:, None]
     if "deviation" not in asked.units and span > 0 and float(np.nanmax(np.abs(off))) < NEAR * span:
-        return np.asarray(off), "measured positions"
+        return np.asarray(off), "measured positions", ReadAs("actual", unit or usual)
     if not unit:
+        _refuse_other_targets(raw.name, runs, target, values, span)
         cure = f"Say it with --units deviation={'arcsec' if joint.type == 'rotary' else 'um'}, or what it is"
         raise InputError(raw.name, "no unit of the deviations", cure)
-    return np.asarray(values), f"deviations in {unit}"
+    return np.asarray(values), f"deviations in {unit}", ReadAs("deviation", unit)
+
+
+def _refuse_other_targets(name: str, runs: Runs, target: Array, values: Array, span: float) -> None:
+    """InputError where readings (targets, runs) are positions near other targets than their own."""
+    whole = np.flatnonzero(np.isfinite(values).all(axis=0))
+    off = np.abs(np.sort(values[:, whole], axis=0) - np.sort(target)[:, None])
+    if not len(whole) or not off.max() < NEAR * span:
+        return
+    wrong = np.abs(values[:, whole] - target[:, None]) >= NEAR * span
+    i, k = (int(part[0]) for part in np.nonzero(wrong))
+    found = f"positions that lie near other targets than their own: {runs.readings[i, whole[k]]:.6g} at target "
+    found += f"{runs.targets[i]:.6g}, and {int(wrong.sum()) - 1} more"
+    raise InputError(name, found, "See the order of the targets: readings are shifted by one, or two are exchanged")
 
 
 def _way(target: Array, side: float) -> Index:
@@ -268,6 +291,13 @@ def _stated(table: Layout) -> str:
     """The unit of the deviations that a line above the table states."""
     found = {unit_word(m[1]) for line in (*table.preamble, *table.comments) for m in _STATED.finditer(line)}
     own = [unit for unit in found if is_unit(unit, "length") or is_unit(unit, "angle")]
+    return own[0] if len(own) == 1 else ""
+
+
+def _unit_above(table: Layout) -> str:
+    """The unit of length in a cell of its own above the table; empty where there is none or more than one."""
+    cells = {unit_word(cell) for line in table.preamble for cell in split(line, table.delimiter) if cell}
+    own = [unit for unit in cells if unit in ("mm", "inch")]
     return own[0] if len(own) == 1 else ""
 
 

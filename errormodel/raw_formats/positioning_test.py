@@ -9,9 +9,9 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS, unit_of
 from errormodel.exceptions import InputError
-from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.base import Asked, RawFile, RawFormat, ReadAs, Recording
 from errormodel.raw_formats.direction_words import sides
-from errormodel.raw_formats.positioning import joint_for, motion_rows
+from errormodel.raw_formats.positioning import axis_above, joint_for, motion_rows, other_axis
 from errormodel.raw_formats.table_columns import columns_of, numbers
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.units import Quantity, is_unit, to_internal
@@ -85,7 +85,8 @@ class PositioningTest(RawFormat):
         found = _places([str(n) for n in table.frame])
         frame = table.frame
         unit = unit_word(asked.units.get("target", table.units.get(found["target"], "mm")))
-        joint = joint_for(raw.name, asked, axis_in(found["target"]), rotary=is_unit(unit, "angle"))
+        hint = axis_in(found["target"]) or axis_above(raw)
+        joint = joint_for(raw.name, asked, hint, rotary=is_unit(unit, "angle"))
         usual = "deg" if joint.type == "rotary" else "mm"
         quantity: Quantity = "angle" if joint.type == "rotary" else "length"
         target = numbers(table, found["target"], raw.name)
@@ -96,20 +97,22 @@ class PositioningTest(RawFormat):
                 what = f"the unit '{own}'" if own else "no unit"
                 cure = f"Say it with --units deviation={'arcsec' if joint.type == 'rotary' else 'um'}, or what it is"
                 raise InputError(raw.name, f"{what} of the column {found['deviation']}", cure)
-        less = np.full(len(frame), np.nan)
+        less, stated = np.full(len(frame), np.nan), ""
         if "actual" in found:
             actual = numbers(table, found["actual"], raw.name)
             stated = unit_word(asked.units.get("actual", table.units.get(found["actual"], unit)))
             less = to_internal(actual, stated, quantity) - to_internal(target, unit, quantity)
         if "deviation" in found:
             _refuse_unlike(table, found, raw.name, to_internal(reading, own, quantity), less)
+            read_as = ReadAs("deviation", own)
         else:
+            read_as = ReadAs("actual", stated)
             own, reading = "rad" if joint.type == "rotary" else "mm", less
         side = np.full(len(frame), np.nan)
         if "side" in found:
             name = found["side"]
             side = sides(frame[name], lambda row: f"{raw.name}, line {table.lines[row]}, column {name}")
-        notes = [f"readings of {joint.name} along its axis"]
+        notes = [f"readings of {joint.name} along its axis", *other_axis(joint, asked, hint)]
         run = ["1"] * len(frame)
         if "cycle" in found:
             run = [f"{c:g}" if isinstance(c, float) else str(c) for c in frame[found["cycle"]]]
@@ -119,7 +122,10 @@ class PositioningTest(RawFormat):
         position = to_internal(target, unit, quantity)
         rows = motion_rows(joint, np.degrees(position) if usual == "deg" else position, reading, own, run, side)
         units = {joint.name: usual} | {name: unit_of(name) for name in MOTIONS if name in rows}
-        return Recording(rows, units, table.lines, (*table.notes, *notes))
+        read = {name: read_as for name in MOTIONS if name in rows} | {joint.name: ReadAs("target", unit)}
+        return Recording(
+            rows, units, table.lines, (*table.notes, *notes), beside_targets="actual" in found, read_as=read
+        )
 
 
 def _refuse_unlike(table: Recording, found: dict[str, str], name: str, deviation: Array, less: Array) -> None:

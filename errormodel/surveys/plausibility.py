@@ -7,27 +7,26 @@ the instrument stands. A wrong unit of length multiplies nearly all of them by o
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine
 from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS, unit_of_column
+from errormodel.surveys.motion_sizes import FEWEST_ROWS, UNITS_MM, check_motions
 from errormodel.units import factor
 
 if TYPE_CHECKING:
+    from errormodel.raw_formats.base import ReadAs
     from errormodel.surveys.file import SurveyUnits
 
 Array = NDArray[np.float64]
 
-_LENGTH_UNITS_MM = {"m": 1000.0, "inch": 25.4, "mm": 1.0, "um": 1e-3}  # mm
 # values of usual shop temperatures in each unit, which are implausible in degC
 _SHOP_TEMPERATURES = {"K": (250.0, 330.0), "degF": (55.0, 110.0)}
 _FASTEST_MM_PER_S = 5e3  # mm/s; faster slides are implausible; by judgement
@@ -36,19 +35,21 @@ _FEWEST_PACE_ROWS = 10  # fewest rows from which a speed is judged; by judgement
 _SAMPLE_ROWS = 1000  # rows of the sample: more change nothing and take time
 _WRONG_UNIT_SHARE = 0.05  # share of pairs of rows with agreeing distances below which a unit is wrong; by judgement
 _OTHER_UNIT_SHARE = 0.7  # share of pairs of rows that must agree in another unit; by judgement
-_FEWEST_MOTION_ROWS = 3  # fewest rows from which the range of an error motion is judged; by judgement
-# Largest plausible error motions: a rolled screw of the coarsest class in use (ISO 3408-3, T7) is off by 52 um over
-# 300 mm, a steel scale grows by 0.12 mm/m in 10 K, guideways tilt by 0.2 mrad at worst. Several times these are limits.
-_MOTION_RANGE_PER_MM = 5e-4  # largest range of a translation, mm per mm of travel
-_MOTION_RANGE_MM = 0.1  # and this much at least, mm
-_MOTION_RANGE_RAD = 1e-3  # largest range of a rotation, rad
-# relative difference of the ranges of motion and position below which the column holds the position itself
-_POSITION_SHARE = 0.1
 _SHORTEST_TOOL = 100.0  # times shorter than the machine's: a tool in metres; by judgement
+_INCHES_OF_TRAVEL = 0.7  # share of a travel that targets must cover in inches for a doubt; by judgement
+_FEW_INSIDE = 0.5  # of the positions within a travel: another unit is looked for that brings all in
+_PART_FILLED = 0.3  # share of the travel that they must then cover; by judgement
 _MOST_OF_TRAVEL = 0.5  # share of a travel that a thousand times the positions of one axis must cover; by judgement
 
 
-def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name: str, measured: bool) -> list[str]:
+def check_sizes(
+    frame: pd.DataFrame,
+    machine: Machine,
+    units: SurveyUnits,
+    name: str,
+    measured: bool,
+    read_as: Mapping[str, ReadAs] | None = None,
+) -> list[str]:
     """Refuse a file with an impossible unit of length; note implausible units of angle, temperature and time.
 
     Parameters
@@ -62,60 +63,30 @@ def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name:
         The file, for messages.
     measured : bool
         Whether measured coordinates are checked.
+    read_as : mapping or None
+        What the error motions of a raw file were read from, as in `errormodel.raw_formats.base.Recording`.
     """
+    said: list[str | None] = []
     if measured and "joint" in frame:
-        _check_motions(frame, machine, units, name)
+        said += check_motions(frame, machine, units, name, read_as)
         for joint in machine.joints:
             about = frame[frame["joint"] == joint.name]
-            if joint.type == "prismatic" and len(about) >= _FEWEST_MOTION_ROWS:
-                _check_commands(about, [joint], units, name, None)
+            if joint.type == "prismatic" and len(about) >= FEWEST_ROWS:
+                said += [
+                    _check_commands(about, [joint], units, name, None, read_as),
+                    _short_test(about, joint, read_as),
+                ]
     frame = frame[frame["joint"] == ""] if "joint" in frame else frame
     if frame.empty:
-        return []
+        return [f"{name}: {note}" for note in said if note]
     prismatic = [j for j in machine.joints if j.type == "prismatic"]
     sample = _sample(frame, machine) if measured else None
-    notes = [_check_commands(frame, prismatic, units, name, sample)]
+    notes = [*said, _check_commands(frame, prismatic, units, name, sample, read_as)]
     if sample is not None:
-        _check_measured(sample, prismatic, units, name)
+        _check_measured(sample, prismatic, units, name, read_as)
     notes += [None if measured else _tools(frame, machine)]
     notes += [_radians(frame, machine, units, sample), _temperatures(frame, units), _pace(frame, prismatic, units)]
     return [f"{name}: {note}" for note in notes if note]
-
-
-def _check_motions(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name: str) -> None:
-    """Raise InputError if error motions vary by more than a machine's do, unless their unit is stated for the column.
-
-    The instrument's zero differs between runs, so that only ranges within runs are compared; the range of the central
-    90 % of the rows is robust against an outlier.
-    """
-    for joint, motion in product(machine.joints, MOTIONS):
-        if motion not in frame:
-            continue
-        rows = frame[(frame["joint"] == joint.name) & frame[motion].notna()]
-        if len(rows) < _FEWEST_MOTION_ROWS:
-            continue
-        values = rows[motion] - (rows.groupby("run")[motion].transform("median") if "run" in rows else 0.0)
-        low, high = np.quantile(values, (0.05, 0.95))
-        way = float(np.ptp(rows[joint.name].to_numpy()))
-        linear = motion in TRANSLATIONS
-        where = f"{name}, column {motion}"
-        if linear and joint.type == "prismatic" and abs(np.ptp(rows[motion].to_numpy()) - way) < _POSITION_SHARE * way:
-            found = f"it changes by {way:.6g} mm where {joint.name} does: a position, not its deviation"
-            raise InputError(where, found, f"Write {motion} as measured minus commanded")
-        usual = (
-            max(_MOTION_RANGE_MM, _MOTION_RANGE_PER_MM * way if joint.type == "prismatic" else 0.0)
-            if linear
-            else _MOTION_RANGE_RAD
-        )
-        if high - low <= usual or motion in units.of_columns:
-            continue
-        unit, other = unit_of_column(motion, "length" if linear else "angle", units), "um" if linear else "urad"
-        size = (high - low) / factor(unit, "length" if linear else "angle")
-        most = f"{usual:.2g} mm" if linear else f"{1e3 * usual:.2g} mrad"
-        found = f"error motions of {joint.name} that vary by {size:.3g} {unit}"
-        found += f", where those of a machine vary by {most} at most"
-        cure = f"Write units: {{{motion}: {other}}} in a survey.yaml; if it is so, units: {{{motion}: {unit}}}"
-        raise InputError(where, found, cure)
 
 
 def _temperatures(frame: pd.DataFrame, units: SurveyUnits) -> str | None:
@@ -150,14 +121,19 @@ def _pace(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits) -> s
 
 
 def _check_commands(
-    frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits, name: str, sample: _Sample | None
+    frame: pd.DataFrame,
+    joints: Sequence[Joint],
+    units: SurveyUnits,
+    name: str,
+    sample: _Sample | None,
+    read_as: Mapping[str, ReadAs] | None = None,
 ) -> str | None:
     """Raise InputError if positions of moving prismatic joints are off their travels and another unit brings all back.
 
     A note if they are not off but would fill all travels in inches.
     """
     moving = [(j, frame[j.name].to_numpy()) for j in joints if np.ptp(frame[j.name].to_numpy()) > 0]
-    said = {unit_of_column(j.name, "length", units) for j, _ in moving}
+    said = {_unit_read(j.name, units, read_as) for j, _ in moving}
     if len(said) != 1:  # no joint moves, or the columns have units of their own
         return None
     moved = [j.name for j, _ in moving]
@@ -165,15 +141,16 @@ def _check_commands(
     filled = np.array([np.ptp(q) / (j.travel[1] - j.travel[0]) for j, q in moving])
 
     def inside(scale: float) -> list[float]:
-        return [float(np.mean(_near_travel(j, q * scale))) for j, q in moving]
+        return [float(np.mean(near_travel(j, q * scale))) for j, q in moving]
 
-    outside = min(inside(1.0)) < 0.05
+    outside, partly = min(inside(1.0)) < 0.05, min(inside(1.0)) < _FEW_INSIDE
     # all poses within a thousandth of the machine, or one axis over a thousandth of most of its travel: metres
     tiny = filled.max() < 0.002 and (len(moving) > 1 or 1000 * filled.max() > _MOST_OF_TRAVEL)
     tiny = tiny and not all(name in units.of_columns for name in moved)
     for scale, unit in _other_units(*said):
         fits = min(inside(scale)) > 0.95 and (filled * scale).max() < 1.5
-        if fits and (filled * scale).min() > 0.02 and (outside or (tiny and scale == 1000)):
+        whole = partly and (filled * scale).min() > _PART_FILLED
+        if fits and (filled * scale).min() > 0.02 and (outside or whole or (tiny and scale == 1000)):
             found = f"positions of {names} that fit the travels only if they are in {unit}"
             # the measured points may be in the right unit
             alone = (
@@ -182,17 +159,37 @@ def _check_commands(
                 and sample.agreement(lengths=scale) > _OTHER_UNIT_SHARE
             )
             columns = [j.name for j in joints] if alone else moved
-            cure = f"Write {_cure(columns, unit, units, alone=alone or len(joints) == 1)}"
-            own = ", ".join(f"{n}: {unit_of_column(n, 'length', units)}" for n in moved)
-            also = "" if outside else f"; if they are right, units: {{{own}}}"
-            raise InputError(f"{name}, columns {names}", found, f"{cure} in a survey.yaml{also}")
+            cure = _cure(columns, unit, units, read_as, alone=alone or len(joints) == 1)
+            kept = ", ".join(f"{n}: {unit_of_column(n, 'length', units)}" for n in moved)
+            also = "" if outside or whole else f"; if they are right, units: {{{kept}}}"
+            raise InputError(f"{name}, columns {names}", found, f"{cure[0].upper()}{cure[1:]}{also}")
         if fits and (filled * scale).min() > 0.7 and len(moving) > 1 and unit == "inch":
-            cure = _cure(moved, unit, units)
-            return f"{names} fill their travels if they are in inch; if so, write {cure}"
+            cure = _cure(moved, unit, units, read_as)
+            return f"{names} fill their travels if they are in inch; if so, {cure}"
     return None
 
 
-def _near_travel(joint: Joint, q: Array) -> NDArray[np.bool_]:
+def _short_test(frame: pd.DataFrame, joint: Joint, read_as: Mapping[str, ReadAs] | None) -> str | None:
+    """Note if the targets of a raw file of one joint cover next to nothing of its travel, and most of it in inches."""
+    q = frame[joint.name].to_numpy(dtype=np.float64)
+    share = float(np.ptp(q)) / (joint.travel[1] - joint.travel[0])
+    inch = UNITS_MM["inch"]
+    if (
+        read_as is None
+        or joint.name not in read_as
+        or not _INCHES_OF_TRAVEL < inch * share < 1
+        or not np.all(near_travel(joint, inch * q))
+    ):
+        return None
+    text = f"targets of {joint.name} from {q.min():.4g} to {q.max():.4g} mm, {100 * share:.0f} % of its travel; in "
+    text += f"inches they would cover {100 * inch * share:.0f} %. If they are, import again with --units "
+    if read_as[joint.name].word == joint.name:
+        return f"{text}{joint.name}=inch, and likewise of what else is in inches"
+    return f"{text}target=inch, and actual=inch, deviation=inch of what else is in inches"
+
+
+def near_travel(joint: Joint, q: Array) -> NDArray[np.bool_]:
+    """Whether positions (n,) lie within the travel of a joint, or a tenth of it beside."""
     low, high = joint.travel
     slack = 0.1 * (high - low)
     return (q > low - slack) & (q < high + slack)
@@ -201,13 +198,34 @@ def _near_travel(joint: Joint, q: Array) -> NDArray[np.bool_]:
 def _other_units(unit: str) -> Iterator[tuple[float, str]]:
     """Other usual units of length, each with its size in the declared one."""
     said = factor(unit, "length")
-    return ((mm / said, other) for other, mm in _LENGTH_UNITS_MM.items() if mm != said)
+    return ((mm / said, other) for other, mm in UNITS_MM.items() if mm != said)
 
 
-def _cure(columns: Sequence[str], unit: str, units: SurveyUnits, alone: bool = False) -> str:
+def _unit_read(name: str, units: SurveyUnits, read_as: Mapping[str, ReadAs] | None) -> str:
+    """The unit as which a column of lengths was read."""
+    own = (read_as or {}).get(name)
+    return own.unit if own is not None and own.unit else unit_of_column(name, "length", units)
+
+
+def _cure(
+    columns: Sequence[str],
+    unit: str,
+    units: SurveyUnits,
+    read_as: Mapping[str, ReadAs] | None,
+    alone: bool = False,
+) -> str:
     """Correction for columns in another unit: for all lengths, or for these columns if `alone` or stated singly."""
+    if read_as is not None:  # what a raw file states of a column goes before a unit by kind: each is named
+        same = {_unit_read(n, units, read_as) for n in columns}
+        more = [] if alone else [n for n in MEASURED if n in read_as and read_as[n].unit in same]
+        words: dict[str, list[str]] = {}
+        for own in (read_as[n] for n in (*columns, *more) if n in read_as):
+            words.setdefault(own.option, []).append(f"{own.word}={unit}")
+        options = " ".join(f"{option} {','.join(dict.fromkeys(said))}" for option, said in words.items())
+        also = ", and likewise of readings that are positions" if any(read_as[n].word != n for n in columns) else ""
+        return f"import again with {options}{also}"
     keys = columns if alone or any(c in units.of_columns for c in columns) else ["length"]
-    return f"units: {{{', '.join(f'{key}: {unit}' for key in keys)}}}"
+    return f"write units: {{{', '.join(f'{key}: {unit}' for key in keys)}}} in a survey.yaml"
 
 
 @dataclass(frozen=True)
@@ -258,25 +276,27 @@ def _sample(frame: pd.DataFrame, machine: Machine) -> _Sample | None:
     return _Sample(machine, rows, frame[components].to_numpy(dtype=np.float64), tuple(components))
 
 
-def _check_measured(sample: _Sample, prismatic: list[Joint], units: SurveyUnits, name: str) -> None:
+def _check_measured(
+    sample: _Sample, prismatic: list[Joint], units: SurveyUnits, name: str, read_as: Mapping[str, ReadAs] | None
+) -> None:
     """Raise InputError if the distances between measured points are off by the factor of another unit."""
     if sample.agreement() > _WRONG_UNIT_SHARE:
         return
     row = {j.name: q for j, q in zip(sample.machine.joints, sample.rows[:-3], strict=True)}
     # either side may be in the wrong unit: the commands are believed if they fit the travels
-    believed = all(np.mean(_near_travel(j, row[j.name])) > 0.5 for j in prismatic)
+    believed = all(np.mean(near_travel(j, row[j.name])) > 0.5 for j in prismatic)
     for measured in (believed, not believed):
         columns, others = [*MEASURED], [j.name for j in prismatic]
         columns, others = (columns, others) if measured else (others, columns)
-        said = {unit_of_column(c, "length", units) for c in columns} or {units.length}
+        said = {_unit_read(c, units, read_as) for c in columns} or {units.length}
         for scale, unit in _other_units(*said) if len(said) == 1 else ():
             fits = sample.agreement(measured=scale) if measured else sample.agreement(lengths=scale)
             if fits > _OTHER_UNIT_SHARE:
-                stated = ", ".join(dict.fromkeys(unit_of_column(c, "length", units) for c in others)) or units.length
+                stated = ", ".join(dict.fromkeys(_unit_read(c, units, read_as) for c in others)) or units.length
                 where = " ".join(others) or "the machine"
                 found = f"in {unit}, it seems, where {where} {'are' if others else 'is'} in {stated}"
                 present = [*sample.components] if measured else columns
-                cure = f"If so, write {_cure(present, unit, units, alone=True)} in a survey.yaml"
+                cure = f"If so, {_cure(present, unit, units, read_as, alone=True)}"
                 raise InputError(f"{name}, columns {' '.join(columns)}", found, cure)
 
 

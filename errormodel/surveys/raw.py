@@ -19,7 +19,7 @@ from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.formats.data_frame import FrameTable
 from errormodel.machine import Machine
-from errormodel.raw_formats.base import Asked, RawFile, Recording, called, format_of, open_raw, raw_formats
+from errormodel.raw_formats.base import Asked, RawFile, ReadAs, Recording, called, format_of, open_raw, raw_formats
 from errormodel.raw_formats.direction_words import sides
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.surveys.columns import (
@@ -56,6 +56,7 @@ class RawTable(FrameTable):
     lines: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()  # on how the raw files were read
     units: Mapping[str, str] = field(default_factory=dict)  # of columns whose unit was stated, as they now are
+    read_as: Mapping[str, ReadAs] = field(default_factory=dict)  # of lengths and error motions
 
     def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
         frame, notes = super().read(numbers, texts)
@@ -99,6 +100,7 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
     units: dict[str, str] = {}
     taken: set[str] = set()
     form = raw_formats().get(entry.format)
+    asked = entry.units
     if form is not None and form.columns:  # what its format has taken by these words
         rest = [{k: v for k, v in block.items() if k not in form.columns} for block in (entry.columns, entry.units)]
         entry = entry.model_copy(update=dict(zip(("columns", "units"), rest, strict=True)))
@@ -125,14 +127,21 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
             columns[own] = frame[own]
             if own in recording.units:
                 units[own] = recording.units[own]
+    read_as: dict[str, ReadAs] = {}
     for name, column in columns.items():
         stated_all = recording.length_unit if _is_coordinate(name, machine) and name not in units else ""
-        columns[name] = _converted(entry, machine, name, column, units.get(name, stated_all))
+        unit = _unit_read(entry, machine, name, units.get(name, stated_all))
+        columns[name] = _converted(entry, machine, name, column, unit)
+        if unit and column.dtype.kind == "f":
+            read_as[name] = ReadAs(name, unit)
     _check_units(entry, columns)
-    stated = {name: unit for name in columns if (unit := entry.units.get(name) or _said(name, units))}
+    read_as |= recording.read_as
+    own_words: dict[str, str] = {n: asked[r.word] for n, r in read_as.items() if r.word in asked and n in MOTIONS}
+    stated = {n: u for n in columns if (u := entry.units.get(n) or own_words.get(n) or _said(n, units))}
     told = "length" in entry.units or {*MEASURED} <= {*entry.units}
     notes = tuple(note for note in recording.notes if not (told and note.startswith(UNSTATED)))
-    return replace(recording, frame=pd.DataFrame(columns), units={n: _usual(n, machine) for n in stated}, notes=notes)
+    kept = {n: _usual(n, machine) for n in stated}
+    return replace(recording, frame=pd.DataFrame(columns), units=kept, notes=notes, read_as=read_as)
 
 
 def _is_coordinate(name: str, machine: Machine) -> bool:
@@ -142,8 +151,8 @@ def _is_coordinate(name: str, machine: Machine) -> bool:
 
 
 def _said(name: str, units: Mapping[str, str]) -> str:
-    """The unit that a file states of a column, where what it states is no mistake of the commands' or points' unit."""
-    return units.get(name, "") if name in MOTIONS or name == "time" or name.startswith("T_") else ""
+    """The unit that a file states of a column, where nothing judges it by the machine's size."""
+    return units.get(name, "") if name == "time" or name.startswith("T_") else ""
 
 
 def _usual(name: str, machine: Machine) -> str:
@@ -163,16 +172,21 @@ def _check_units(entry: RawEntry, columns: Mapping[str, Any]) -> None:
             raise InputError(f"{entry.path}, units: {name}", "no column of this file", nearest(name, columns))
 
 
-def _converted(entry: RawEntry, machine: Machine, name: str, column: Any, stated: str) -> Any:
-    """A column in the unit that a survey's table has by default."""
+def _unit_read(entry: RawEntry, machine: Machine, name: str, stated: str) -> str:
+    """The unit as which a column is read: said of it, stated in the file, said of its kind, or the usual one."""
+    quantity = quantity_of(name.removeprefix(READ_BACK), machine) or ""
+    kind = entry.units.get(quantity, "") if not stated and name not in entry.units else ""
+    return unit_word(entry.units.get(name, stated or kind or _usual(name, machine)))
+
+
+def _converted(entry: RawEntry, machine: Machine, name: str, column: Any, unit: str) -> Any:
+    """A column in `unit` in the unit that a survey's table has by default."""
     quantity = quantity_of(name.removeprefix(READ_BACK), machine)
     if name.startswith("dir_") and column.dtype.kind != "f":
         return sides(column, lambda row: f"{entry.path}, row {row + 1}, column {name}")
     if quantity is None or column.dtype.kind != "f":
         return column
     usual = unit_of_column(name.removeprefix(READ_BACK), quantity, SurveyUnits())
-    kind = entry.units.get(quantity, "") if not stated and name not in entry.units else ""
-    unit = unit_word(entry.units.get(name, stated or kind or usual))
     if not is_unit(unit, quantity):
         where = f"{entry.path}, column {name}"
         cure = f"Say it with units: {{{name}: ..}}, a unit of {quantity}, such as {UNIT_EXAMPLES[quantity]}"
@@ -201,9 +215,11 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
         table = with_log(table, measured.dated, recording, log, entry.path)
     said = bool(entry.sha256)  # an import that took the file in said how it was read
     notes = () if said else (*measured.notes, *(n for r in (commands, *read) if r is not None for n in r.notes))
-    command_units = {} if commands is None else commands.units
-    units = {n: u for n, u in {**command_units, **measured.units}.items() if u and n in table}
-    return replace(as_table(table, measured.dated, entry.path, lines, machine), notes=notes, units=units)
+    units = {n: u for r in (commands, measured) if r is not None for n, u in r.units.items() if u and n in table}
+    own = as_table(table, measured.dated, entry.path, lines, machine)
+    read_as = {} if commands is None else {n: r._replace(option="--command-units") for n, r in commands.read_as.items()}
+    read_as |= measured.read_as
+    return replace(own, notes=notes, units=units, read_as={n: r for n, r in read_as.items() if n in table})
 
 
 def joined(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from errormodel.arrays import Array, Index
 from errormodel.exceptions import InputError
+from identification.importing.words import LISTED
 
 INSIDE = 0.9  # of a part of a recording must lie within the other
 SHARE = 4  # the first and the last of so many parts of a recording are joined for themselves
@@ -22,22 +23,63 @@ CURE = (
 )
 
 
-def refuse_backwards(when: Array, name: str, rows: Index | None = None) -> None:
-    """InputError about the times (n,) of a recording, in its order, that go back.
+def gone_back(when: Array) -> tuple[Index, Array]:
+    """Rows (k,), from 0, before which the times (n,) of a recording go back, and by how much, s."""
+    seen = np.flatnonzero(np.isfinite(when))
+    steps = np.diff(when[seen])
+    back = np.flatnonzero(steps < 0)
+    return seen[back + 1], -steps[back]
+
+
+def refuse_backwards(when: Array, name: str) -> None:
+    """InputError about the times (n,) of a recording, in its order, that go back."""
+    rows, sizes = gone_back(when)
+    if len(rows):
+        raise InputError(name, f"its clock {_went(rows, sizes)}: it was set, or the rows are in another order", CURE)
+
+
+def _went(rows: Index, sizes: Array) -> str:
+    """That times go back, by how much and where, in words."""
+    if len(rows) == 1:
+        return f"goes back by {sizes[0]:.4g} s before row {rows[0] + 1}"
+    shown = ", ".join(str(k + 1) for k in rows[:LISTED])
+    more = " ..." if len(rows) > LISTED else ""
+    return f"goes back {len(rows)} times, by up to {sizes.max():.4g} s, before rows {shown}{more}"
+
+
+def unordered_times(when: Array, groups: Index, log: bool) -> str:
+    """What to say of times that go back where another order than theirs joined the rows; empty: nothing.
 
     Parameters
     ----------
-    rows : (n,) of the file, from 0; None: all of it.
+    when : (n,) s, in the order of the rows.
+    groups : (n,) numbers of rows that have one clock: a run may begin at zero again.
+    log : whether it is a continuous recording, whose rows are in the order of time. There an interval less is no
+        clock that was set: two readings changed places on their way into the file.
     """
-    seen = np.flatnonzero(np.isfinite(when))
-    back = np.flatnonzero(np.diff(when[seen]) < 0)
-    if len(back):
-        k = seen[back[0] + 1]
-        row = (k if rows is None else rows[k]) + 1
-        found = (
-            f"its clock goes back by {when[seen[back[0]]] - when[k]:.4g} s before row {row}: it was set, or the rows "
+    steps = np.diff(when[np.isfinite(when)])
+    least = float(np.median(steps[steps > 0])) if log and (steps > 0).any() else 0.0
+    found = [(own[k], size) for own, k, size in _in_groups(when, groups) if size > least]
+    if not found:
+        return ""
+    rows, sizes = (np.array(part) for part in zip(*sorted(found), strict=True))
+    if log:
+        return (
+            f"its clock {_went(rows, sizes)}: it was set. Its times were left out, so that nothing follows from "
+            "them (drift, order of the rows)"
         )
-        raise InputError(name, f"{found}are in another order", CURE)
+    return (
+        f"its clock {_went(rows, sizes)}: sides of arrival and drift follow the times, as of rows in another order "
+        "than they were measured in. If the clock was set, leave the times out: --columns time=-"
+    )
+
+
+def _in_groups(when: Array, groups: Index) -> Iterator[tuple[Index, int, float]]:
+    """Rows of a group, the place among them before which its times go back, and by how much, s."""
+    for label in np.unique(groups):
+        own = np.flatnonzero(groups == label)
+        for k, size in zip(*gone_back(when[own]), strict=True):
+            yield own, int(k), float(size)
 
 
 def speeds_part(

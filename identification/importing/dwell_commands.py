@@ -15,7 +15,9 @@ from errormodel.chain import Chain
 from errormodel.machine import Machine
 from identification.importing.dwells import Dwells, find_dwells
 from identification.importing.geometry import Nominal
+from identification.importing.matching import DENSE, Matched
 from identification.importing.sources import SourceFile
+from identification.importing.words import LISTED, counted, row_ranges
 
 ONE_PLACE = 1.0  # mm that commands reach: of an R-test on one ball they differ by the rounding of the axes only
 STAYS = 1e-4  # of a joint's travel: so far may it move within a dwell, as it was read back; by judgement
@@ -75,6 +77,46 @@ def rests_of(commands: SourceFile, chain: Chain) -> Index | None:
     if (moved > STAYS * np.ptp(joints, axis=0).max()).any():
         return None
     return np.asarray((rests.first + rests.last) // 2)
+
+
+def left_moving(
+    matched: Matched, path: Array, command_times: Array, when: Array, dwells: Dwells
+) -> tuple[Matched, list[str]]:
+    """Dwells joined by time to a log of the way, without those in which the commands move: no rest, but a turn.
+
+    Parameters
+    ----------
+    path : (m, 3) nominal points at the commands, mm; command_times : (m,) s.
+    when : (n,) s, of all readings.
+    """
+    own = matched.command >= 0
+    if matched.offset is None or len(path) <= DENSE * len(dwells):
+        return matched, []
+    ends = np.array(_middles(dwells), dtype=np.intp).clip(0, len(when) - 1)
+    low, high = (np.searchsorted(command_times, when[k] - matched.offset, side="right") - 1 for k in ends.T)
+    far = STAYS * float(np.ptp(path, axis=0).max())
+    moved = np.array(
+        [float(np.ptp(path[max(a, 0) : b + 1], axis=0).max(initial=0.0)) for a, b in zip(low, high, strict=True)]
+    )
+    moving = own & (moved > far)
+    if not moving.any() or moving.sum() > own.sum() / 2:  # most of them: the machine is late, or its commands are
+        return matched, []
+    rows = np.column_stack([dwells.first, dwells.last])[moving]
+    text = f"left out: {counted(len(rows), 'dwell')} in which the commands move ({row_ranges(rows)})"
+    return replace(matched, command=np.where(moving, -1, matched.command)), [text]
+
+
+def suspects(dwells: Dwells, commands: int) -> str:
+    """Which dwells may be none, or may be lacking, where there are not as many as commands: in words, or empty."""
+    sizes = dwells.last - dwells.first + 1
+    more = len(dwells) - commands
+    text = f"; turns of the way in {row_ranges(dwells.turning)} were taken for none" if len(dwells.turning) else ""
+    if not 0 < more <= LISTED:
+        return text
+    least = np.sort(np.argsort(sizes, kind="stable")[:more])
+    rows = np.column_stack([dwells.first, dwells.last])[least]
+    of = f"{sizes[least].min()} to {sizes[least].max()}" if more > 1 else f"{sizes[least[0]]}"
+    return f"; the shortest: {row_ranges(rows)}, of {of} readings where {int(np.median(sizes))} are usual{text}"
 
 
 def at_rows(commands: SourceFile, rows: Index) -> SourceFile:

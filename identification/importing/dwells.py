@@ -17,6 +17,9 @@ LAGS = (1, 3, 10, 30)  # readings over which a displacement is taken: slow motio
 APART = 0.7  # decades between the mean sizes of noise and motion, from which on there are two groups; by judgement
 FEWEST = 12  # readings of a log
 SHORTEST = 0.2  # of the median number of readings of a dwell: what is shorter is a reversal on the way; by judgement
+HALF = 0.5  # of the median number of readings: a shorter stretch may be a reversal, if its readings scatter more
+# times the usual scatter of a dwell: that of three readings is so large by chance once in 10^10 (chi-square of 2)
+RESTLESS = 5.0
 LEAST = 3  # readings of a dwell
 MANY = 10  # readings of a dwell that are averaged even if nothing was recorded on the way
 OUTSIDE = 4.0  # times the scatter: readings at the ends of a dwell that still settle
@@ -34,12 +37,14 @@ class Dwells:
     first, last : (n,) rows of each dwell, from 0.
     moving : number of readings on the way.
     short : number of stretches that were too short.
+    turning : (k, 2) first and last row of stretches in which the target only turned back on its way.
     """
 
     first: Index
     last: Index
     moving: int
     short: int
+    turning: Index
 
     def __len__(self) -> int:
         return len(self.first)
@@ -65,6 +70,8 @@ def find_dwells(points: Array) -> Dwells | None:
         return None
     sizes = np.array([b - a + 1 for a, b in parts])
     kept = sizes >= max(LEAST, SHORTEST * float(np.median(sizes)))
+    turning = kept & turned_back(sizes, np.array([scatter_of(seen[a : b + 1]) for a, b in parts]))
+    kept &= ~turning
     moving = len(seen) - int(sizes.sum())
     if float(np.median(sizes)) < MANY and moving <= len(parts):
         return None  # a few readings of each of several points, and nothing between them
@@ -72,7 +79,24 @@ def find_dwells(points: Array) -> Dwells | None:
         return None  # steps between points beside longer ones, such as from one station to the next
     first = rows[np.array([a for a, _ in parts])][kept]
     last = rows[np.array([b for _, b in parts])][kept]
-    return Dwells(first, last, moving, int((~kept).sum()))
+    turned = np.array([[rows[a], rows[b]] for (a, b), own in zip(parts, turning, strict=True) if own], dtype=np.intp)
+    return Dwells(first, last, moving, int((~kept & ~turning).sum()), turned.reshape(-1, 2))
+
+
+def scatter_of(points: Array) -> float:
+    """Root mean square distance of some readings (n, 3) from their mean, of n - 1, mm."""
+    return float(np.sqrt(np.sum(np.square(points - points.mean(axis=0))) / max(len(points) - 1, 1)))
+
+
+def turned_back(sizes: Array, scatter: Array) -> Mask:
+    """Stretches (n,) of so many readings in which the target was not at rest, but at the turn of its way.
+
+    A length is at rest for a moment where the machine passes the place that is nearest to the station. Its readings
+    there lie on a parabola: they scatter far more than those of the dwells, and are fewer.
+    """
+    usual = float(np.median(sizes))
+    long = sizes >= HALF * usual
+    return np.asarray(~long & (scatter > RESTLESS * max(float(np.median(scatter[long])), TINY)))
 
 
 def _spread(points: Array) -> float:

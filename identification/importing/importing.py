@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.files import write_bytes_atomic
@@ -20,8 +20,11 @@ from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.survey import Survey, read_survey
 from errormodel.surveys.file import SURVEY_FILE
 from errormodel.surveys.pairs import PairTable
+from errormodel.surveys.plausibility import near_travel
+from identification.importing.clock_jumps import refuse_backwards, unordered_times
 from identification.importing.exchanged_rows import CURE as FOUND_CURE
 from identification.importing.geometry import Nominal
+from identification.importing.near_causes import other_cause
 from identification.importing.nearest import find_pairing
 from identification.importing.other_orders import CURE
 from identification.importing.pairing import NEAREST, Pairs, middles, pair, points_of
@@ -41,6 +44,7 @@ OTHER_COMMANDS = (
 Both: TypeAlias = tuple[Array, Array]  # nominal and measured points
 
 MOST_TARGETS, FEWEST_OF_TARGET = 8, 4  # words of a column that may name reflectors, and rows of each; by judgement
+ON_TRAVEL = 0.5  # of the commands: with fewer on the travels their unit is doubted, and not that of the measurements
 SAME_FRAME = 3.0  # times the misfit of the better file alone: so far may two files in one frame be off; by judgement
 
 
@@ -119,9 +123,16 @@ def import_files(
     pairs = [pair(source, commanded, chain, wishes, seed) for source in points]
     aligned = [_places(source, own, commanded, chain) for source, own in zip(points, pairs, strict=True)]
     for source, (nominal, measured) in zip(points, aligned, strict=True):
-        refuse_unit(nominal, measured, source.raw.name, source.mm_a_unit)
+        if _on_travels(
+            commanded or source, machine
+        ):  # else the unit of the commands is wrong, as the survey's check says
+            refuse_unit(nominal, measured, source.raw.name, source.mm_a_unit)
         refuse_partial(nominal, measured, source.raw.name)
     readings = join_readings(single, commanded, chain, wishes)
+    warnings: list[str] = []
+    points = [_with_clock(s, p, bool(logs), warnings) for s, p in zip(points, pairs, strict=True)]
+    readings = [replace(r, source=_with_clock(r.source, r.pairs, bool(logs), warnings)) for r in readings]
+    single = [r.source for r in readings]
     frame = _frame(points, aligned, chain)
     files = _files(points, motions, traces, readings, logs, pairs, commanded, frame, wishes)
     with tempfile.TemporaryDirectory() as folder, running(None):
@@ -133,7 +144,6 @@ def import_files(
     except InputError as error:
         error = _with_nearest(error, points, pairs, aligned, commanded, chain, seed)
         raise InputError(error.where, error.found, f"{error.cure}{_other_targets(points)}") from error
-    warnings: list[str] = []
     if commanded is not None and any(p.by_rows for p in pairs):
         proof = with_other_order(machine, survey, proof)
         if proof.other is not None and wishes.match != "order":  # who says the order has confirmed it
@@ -154,6 +164,36 @@ def import_files(
         machine, files, everything, (*pairs, *[None] * (len(everything) - len(pairs))), survey, proof, frame,
         tuple(dict.fromkeys((*left, *survey.notes))), tuple(traces), tuple(readings), places,
     )  # fmt: skip
+
+
+def _with_clock(source: SourceFile, own: Pairs, needed: bool, warnings: list[str]) -> SourceFile:
+    """A file as it is, or without its times where its clock was set; what is to be said of them goes to `warnings`.
+
+    Raises
+    ------
+    InputError
+        Its clock was set, and other files are joined by it (`needed`).
+    """
+    if own.offset is not None or "time" not in source.recording.frame:
+        return source  # joined by time: the clock was judged there
+    when, frame = source.column("time"), source.recording.frame
+    groups: Index = np.zeros(source.rows, dtype=np.intp)
+    labels = [n for n in ("run", "station", "target") if n in frame and not own.averaged]
+    if labels:
+        groups = np.array(frame.groupby(labels, sort=False).ngroup(), dtype=np.intp)
+    text = unordered_times(when, groups, own.averaged)
+    if not text:
+        return source
+    if own.averaged and needed:
+        refuse_backwards(when, source.raw.name)
+    warnings.append(f"{source.raw.path.name}: {text}")
+    return source.without("time") if own.averaged else source
+
+
+def _on_travels(commands: SourceFile, machine: Machine) -> bool:
+    """Whether most positions of each linear joint lie within its travel."""
+    linear = [j for j in machine.joints if j.type == "prismatic" and j.name in commands.recording.frame]
+    return all(np.mean(near_travel(j, commands.column(j.name))) > ON_TRAVEL for j in linear)
 
 
 def _with_notes(texts: list[str], survey: Survey, files: Mapping[str, bytes]) -> tuple[Survey, dict[str, bytes]]:
@@ -188,6 +228,10 @@ def _with_nearest(
     measured = aligned[0][1]
     found = find_pairing(path, measured, seed) if np.isfinite(measured).all() else None
     if found is None:
+        cause = other_cause(path, measured, seed, points[0].mm_a_unit)
+        if cause is not None:
+            found_text = f"{error.found}. What fits instead: with --match nearest, {cause[0]}"
+            return InputError(error.where, found_text, f"{cause[1]}; and add --match nearest")
         cure = error.cure.replace(ONLY_SERIAL, OTHER_COMMANDS)
         return InputError(error.where, f"{error.found}{commanded.broken_off}", cure)
     if found.ways > 1 or np.array_equal(found.command, pairs[0].command):

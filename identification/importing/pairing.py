@@ -10,19 +10,20 @@ from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.surveys.columns import MEASURED
-from identification.importing.dwell_commands import ONE_PLACE, dwells_of, rests_of
+from identification.importing.dwell_commands import ONE_PLACE, dwells_of, left_moving, rests_of
 from identification.importing.dwells import Dwells
 from identification.importing.geometry import Nominal, fitted_targets, turns_tool
 from identification.importing.matching import NAMED, Matched, by_name, by_order, by_time, common_names
+from identification.importing.near_causes import refuse_cause
 from identification.importing.nearest import find_pairing
 from identification.importing.sources import SourceFile, Wishes
+from identification.importing.words import LISTED, counted, row_ranges
 from identification.observation.frames import align
 
 TARGET_GAIN = 3.0  # times: so much nearer must targets of their own bring the points, to be taken
 LOCATION_ERROR_MM = 1.0  # a single target so near to the tool is the tool: axes are beside their places; by judgement
 FEW_TO_FIT = 8  # rows a target, from which on a functional point is fitted
 NEAREST = "the nearest command after a robust alignment"
-LISTED = 6  # of what is left over
 STANDS = 1e-4  # of the reach: so far may commands go on while readings stand still
 
 
@@ -119,6 +120,10 @@ def pair(source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: 
     else:
         rests = rests_of(commands, chain) if commands.rows > len(first) else None
         found = _match(source, commands, chain, nominal, middle, first, last, points, wishes, seed, rests)
+        if dwells is not None and found.offset is not None:
+            path = nominal.points(np.asarray(chain.machine.tool))
+            found, more = left_moving(found, path, commands.column("time"), source.column("time"), dwells)
+            notes += more
         if rests is not None and not np.isin(found.command[found.command >= 0], rests).all():
             rests = None
     command = found.command
@@ -175,6 +180,8 @@ def reading_notes(source: SourceFile, dwells: Dwells | None, unseen: int) -> lis
         text = f"{counted(len(dwells), 'dwell')} of {size} readings (median) in a log of {source.rows} rows"
         text += f"; {dwells.moving} readings on the way left out" if dwells.moving else ""
         text += f"; {counted(dwells.short, 'place')} too short for a dwell" if dwells.short else ""
+        if len(dwells.turning):
+            text += f"; no rest but a turn of the way: {row_ranges(dwells.turning)}"
         notes.append(text)
     return notes
 
@@ -257,6 +264,7 @@ def _nearest(
             f"{commands.broken_off}; "
             f"the points reach {_reach(middle):.0f} mm, the commands {_reach(path):.0f} mm"
         )
+        refuse_cause(path if rests is None else path[rests], middle, seed, source.mm_a_unit, source.raw.name, text)
         again = [note for note in commands.recording.notes if "counted as one pose" in note]
         text += f"; {again[0]}" if again else ""
         cure = "See that machine, tool, units and hand are right, and that these commands were measured"
@@ -266,11 +274,6 @@ def _nearest(
         text = f"{found.ways} ways to lay the points on the commands, which look the same from several sides"
         raise InputError(source.raw.name, text, "Join with --match order or name, or measure a pose off the pattern")
     return Matched(found.command, NEAREST)
-
-
-def counted(number: int, word: str) -> str:
-    """A number of things: 1 row, 2 rows."""
-    return f"{number} {word}{'s' * (number != 1)}"
 
 
 def _reach(points: Array) -> float:

@@ -12,7 +12,6 @@ import numpy as np
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.chain import Chain
-from errormodel.channels import direction
 from errormodel.effects.clock_offset import ClockOffset
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
@@ -24,7 +23,7 @@ from identification.diagnosis.data_checks.orientations import refuse_foreign_ori
 from identification.importing.exchanged_rows import CURE, FEWEST_PROVED, refuse_exchanged, refuse_few_exchanged
 from identification.importing.one_place import OnePlace, at_one_place, prove_one_place
 from identification.importing.other_orders import OtherOrder, in_a_plane, other_order
-from identification.importing.repeat_shift import LOCATED, RepeatShift, repeat_shift
+from identification.importing.repeat_shift import LOCATED, RepeatShift, repeat_shift_of
 from identification.importing.steps import Step, find_step
 from identification.observation.assembly import build, frame_labels
 
@@ -35,6 +34,11 @@ FEWEST_OF_UNIT = 4  # points, for their unit to be judged
 LEAST_SPREAD = 1e-6  # mm: commands at one place
 DEGREES = "multiplied by 57.29"  # of joints in a message: degrees a radian
 BETTER = 10.0  # times nearer, with one sign turned
+MIRROR_CURE = (
+    "One coordinate has the other sign, or two are exchanged (a left-handed frame), in the measurements or in the "
+    "commands. Turn it where it is wrong: --columns mz=-Z or mx=Y,my=X (mz=-mz, mx=my,my=mx of formats that name their "
+    "columns), or --command-columns with the sign or exchange of a joint"
+)
 UNIT_SLACK = 0.02  # of a factor: errors of a machine are far smaller
 
 
@@ -128,7 +132,7 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
     flat = len(parts) > 0 and all(len(p) >= FEWEST_PROVED and in_a_plane(p.nominal) for _, p in parts)
     steps: list[Step | RepeatShift] = []
     for own, p in parts:
-        repeated, step = _repeat_shift(machine, survey, own), find_step(machine, survey, own, p)
+        repeated, step = repeat_shift_of(machine, survey, own), find_step(machine, survey, own, p)
         if repeated is not None and (step is None or repeated.before - repeated.after <= LOCATED):  # it is known better
             steps.append(repeated)
         elif step is not None:
@@ -175,7 +179,12 @@ def refuse_unit(nominal: Array, measured: Array, name: str, read_as: float = 1.0
                 f"measured points that reach {part.reach:.4g} mm where the commanded ones reach {part.spread:.4g} mm: "
                 f"in {unit} they fit to {1e3 * scaled.misfit():.0f} um"
             )
-            raise InputError(name, found, f"Say it with --units mx={unit},my={unit},mz={unit}, if that is their unit")
+            raise InputError(name, found, unit_cure(unit))
+
+
+def unit_cure(unit: str) -> str:
+    """What to write where measured points fit in another unit."""
+    return f"Say it with --units mx={unit},my={unit},mz={unit}, if that is their unit"
 
 
 def _refuse_mirror(parts: list[tuple[Index, Points]], survey: Survey) -> None:
@@ -190,13 +199,7 @@ def _refuse_mirror(parts: list[tuple[Index, Points]], survey: Survey) -> None:
                 f"measured points that are the mirror image of the commanded ones: they lie {before:.3g} mm from them, "
                 f"with one sign turned {1e3 * after:.0f} um"
             )
-            cure = (
-                "One coordinate has the other sign, or two are exchanged (a left-handed frame), in the measurements "
-                "or in the commands. Turn it where it is wrong: --columns mz=-Z or mx=Y,my=X "
-                "(mz=-mz, mx=my,my=mx of formats that name their columns), or --command-columns with the sign or "
-                "exchange of a joint"
-            )
-            raise InputError(_place(survey), found, cure)
+            raise InputError(_place(survey), found, MIRROR_CURE)
 
 
 def _refuse_mistakes(machine: Machine, survey: Survey, parts: list[tuple[Index, Points]]) -> None:
@@ -235,17 +238,6 @@ def _repeats(machine: Machine, survey: Survey, rows: Index) -> tuple[int, float]
     about = several[list(MEASURED)] - inside[list(MEASURED)].transform("mean")
     free = 3 * (len(several) - inside.ngroups)
     return int(inside.ngroups), float(np.sqrt(np.sum(about.to_numpy() ** 2) / free))
-
-
-def _repeat_shift(machine: Machine, survey: Survey, rows: Index) -> RepeatShift | None:
-    """A displacement that repeats of commands show, which were reached from the same side."""
-    table = survey.table.iloc[rows]
-    names = [*(j.name for j in machine.joints), "tool_x", "tool_y", "tool_z"]
-    sides = [np.nan_to_num(direction(survey.table, j.name)[rows]) for j in machine.joints]
-    keys = np.column_stack([*(table[n].to_numpy(dtype=np.float64).round(6) for n in names), *sides])
-    labels = np.unique(keys, axis=0, return_inverse=True)[1].ravel()
-    file = str(table["file"].iloc[0])
-    return repeat_shift(labels, table[list(MEASURED)].to_numpy(dtype=np.float64), table["row"].to_numpy(), file)
 
 
 def _follows(chain: Chain, survey: Survey) -> tuple[str, ...]:

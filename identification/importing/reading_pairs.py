@@ -19,10 +19,10 @@ from errormodel.observations import registry
 from errormodel.observations.base import Observation
 from errormodel.surveys.columns import OBSERVATION
 from errormodel.yamlfile import parse, validate
-from identification.importing.dwell_commands import at_rows, dwells_of_logs, rests_of
-from identification.importing.dwells import find_dwells
+from identification.importing.dwell_commands import at_rows, dwells_of_logs, left_moving, rests_of, suspects
+from identification.importing.dwells import Dwells, find_dwells
 from identification.importing.geometry import Nominal
-from identification.importing.matching import NAMED, by_name, by_time, common_names
+from identification.importing.matching import NAMED, Matched, by_name, by_time, common_names
 from identification.importing.pairing import Pairs, left_over, reading_notes, rest_notes, row_by_row
 from identification.importing.reading_gaps import with_gaps
 from identification.importing.reading_proof import Candidate, Chosen, chosen
@@ -177,6 +177,12 @@ def _part(
         found = Candidate(beside.command, beside.how)
     else:
         found = _named_or_timed(source, commands, chain, wishes, observation, rows[first], rows[last])
+    if found is not None and found.offset is not None and dwells is not None:
+        path = Nominal(chain, commands.recording.frame).points(np.asarray(chain.machine.tool))
+        timed = Matched(found.command, found.how, found.offset)
+        timed, more = left_moving(timed, path, commands.column("time"), source.column("time")[rows], dwells)
+        found = replace(found, command=timed.command)
+        notes += more
     if found is not None:
         kept = found.command >= 0
         candidates = [replace(found, command=found.command[kept])]
@@ -190,9 +196,7 @@ def _part(
         passing = with_gaps(chain, commands, observation, means)
         candidates = [] if passing is None else [passing]
     if not candidates:
-        raise InputError(
-            where, *_counts(len(first), source, commands, observation, dwells is not None, rests is not None)
-        )
+        raise InputError(where, *_counts(len(first), source, commands, observation, dwells, rests is not None))
     found_way = chosen(chain, commands, observation, candidates, means[kept], where)
     best = found_way.way
     a, b = rows[first[kept]][best.skip :], rows[last[kept]][best.skip :]
@@ -206,11 +210,12 @@ def _fits(count: int, commands: int, poses: int) -> bool:
 
 
 def _counts(
-    count: int, source: SourceFile, commands: SourceFile, observation: Observation, dwells: bool, rests: bool
+    count: int, source: SourceFile, commands: SourceFile, observation: Observation, dwells: Dwells | None, rests: bool
 ) -> tuple[str, str]:
     """What does not agree where the numbers of readings and commands allow no order."""
     what = "rests in the log of commands" if rests else f"commands{commands.broken_off}"
-    found = f"{count} {'dwells' if dwells else 'readings'} and {commands.rows} {what}"
+    found = f"{count} {'readings' if dwells is None else 'dwells'} and {commands.rows} {what}"
+    found += "" if dwells is None else suspects(dwells, commands.rows)
     if observation.poses > 1:
         found += (
             "; between two poses there are as many readings as commands, one fewer, half as many, or so many passes"

@@ -12,9 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import Array, Index
+from errormodel.channels import direction
+from errormodel.machine import Machine
+from errormodel.survey import Survey
+from errormodel.surveys.columns import MEASURED
+from identification.diagnosis.data_checks.blunder import groups
 
 FEWEST = 2.0  # of the sum of squares of a step: four commands measured once on either side
 LOCATED = 5  # rows between which a displacement is known to lie; beyond, twice as many repeats are asked for
+MOST_ROWS = 20_000  # of a survey whose fit looks for it: sorting the commands of more takes longer than the fit
 FREE = 9  # degrees of freedom of the scatter
 LARGE = 7.0  # times the scatter of a reading: 1 false one in 4000 random surveys of white and drifting noise
 CHANCE = 2.0  # standard uncertainties of a correlation
@@ -45,6 +51,25 @@ class RepeatShift:
             "machine was displaced, or drifted. To give the part behind it a set-up of its own, give its rows a run of "
             "their own and write frame: per-run in survey.yaml; or measure again"
         )
+
+
+def repeat_notes(machine: Machine, survey: Survey) -> list[str]:
+    """Displacements that repeats of commands show, as notes of a fit; none looked for in large surveys."""
+    if len(survey.table) > MOST_ROWS:
+        return []
+    found = [repeat_shift_of(machine, survey, rows) for rows in groups(survey)]
+    return [shift.text for shift in found if shift is not None]
+
+
+def repeat_shift_of(machine: Machine, survey: Survey, rows: Index) -> RepeatShift | None:
+    """A displacement that repeats of commands show among some rows, which were reached from the same side."""
+    table = survey.table.iloc[rows]
+    names = [*(j.name for j in machine.joints), "tool_x", "tool_y", "tool_z"]
+    sides = [np.nan_to_num(direction(survey.table, j.name)[rows]) for j in machine.joints]
+    keys = np.column_stack([*(table[n].to_numpy(dtype=np.float64).round(6) for n in names), *sides])
+    labels = np.unique(keys, axis=0, return_inverse=True)[1].ravel()
+    file = str(table["file"].iloc[0])
+    return repeat_shift(labels, table[list(MEASURED)].to_numpy(dtype=np.float64), table["row"].to_numpy(), file)
 
 
 def repeat_shift(labels: Index, measured: Array, rows: Index, file: str) -> RepeatShift | None:

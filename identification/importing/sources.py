@@ -22,7 +22,7 @@ from errormodel.raw_formats.programme_poses import NO_END
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.surveys.columns import MEASURED, quantity_of
 from errormodel.surveys.file import RawEntry
-from errormodel.surveys.raw import LABELS, READ_BACK, is_column, read_raw, with_map
+from errormodel.surveys.raw import LABELS, LEFT_OUT, READ_BACK, is_column, read_raw, with_map
 from errormodel.units import factor, is_unit
 from identification.importing.roles import Kind, commands_by_place, nominal_and_actual, reading_roles, roles, unused
 
@@ -109,6 +109,13 @@ class SourceFile:
         """That a programme has no end, in brackets behind its name or number; empty where it has one."""
         note = next((n for n in self.recording.notes if n.startswith(NO_END)), "")
         return f" ({self.raw.path.name}: {note})" if note else ""
+
+    def without(self, name: str) -> SourceFile:
+        """The file without one of its columns, as its map then says."""
+        columns = {ours: theirs for ours, theirs in self.entry.columns.items() if ours != name}
+        columns |= {} if name in self.entry.columns else {name: LEFT_OUT}
+        recording = replace(self.recording, frame=self.recording.frame.drop(columns=name))
+        return replace(self, entry=self.entry.model_copy(update={"columns": columns}), recording=recording)
 
     def column(self, name: str) -> np.ndarray:
         return self.recording.frame[name].to_numpy(dtype=np.float64)

@@ -9,13 +9,12 @@ import numpy as np
 from errormodel.survey import Survey
 from identification.importing.exchanged_rows import FEWEST_PROVED
 from identification.importing.importing import Imported
-from identification.importing.pairing import counted
 from identification.importing.proof import Proof
 from identification.importing.readings import reading_lines
 from identification.importing.sources import What
 from identification.importing.traces import trace_lines
+from identification.importing.words import LISTED, counted
 
-LISTED = 6  # rows in a line
 WORDS: dict[What, str] = {
     "points": "measured",
     "motions": "error motions",
@@ -82,6 +81,12 @@ def _fits(imported: Imported) -> Iterator[str]:
         yield from proof_lines(proof, survey)
     else:
         yield from _without_points(survey)
+    bare = [s.raw.path.name for s in imported.sources if s.what == "motions" and not s.recording.beside_targets]
+    if bare:
+        yield (
+            f"{', '.join(bare)}: deviations have no place of their own: rows that are shifted by one, or two that are "
+            "exchanged, do not show"
+        )
 
 
 def _without_points(survey: Survey) -> Iterator[str]:

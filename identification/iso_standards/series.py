@@ -19,6 +19,7 @@ from errormodel.conventions import ROTATIONS, TRANSLATIONS
 from errormodel.machine import Joint, Machine
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MOTION_UNCERTAINTIES, SIGMA_COLUMNS
+from errormodel.surveys.motion_sizes import FEWEST_ROWS, REASON, central_range, usual_range
 from identification.observation.assembly import frame_labels
 from identification.observation.frames import align
 from identification.observation.pose import IDENTITY, Pose
@@ -155,6 +156,25 @@ def series_of(survey: Survey, machine: Machine) -> list[Series]:
     out = list(_of_motions(survey, machine))
     points = measured_points(survey, machine, chain)
     return out if points is None else [*out, *_of_points(survey, machine, points)]
+
+
+def doubts(survey: Survey, machine: Machine) -> list[str]:
+    """Sentences on positioning deviations of points that are beyond those of machines: a unit that is wrong.
+
+    Rows of error motions are judged where they are read (`errormodel.surveys.motion_sizes`).
+    """
+    out = []
+    for series in series_of(survey, machine):
+        if series.unit != "mm" or not series.at or np.isfinite(series.along).sum() < FEWEST_ROWS:
+            continue
+        way, size = float(np.ptp(series.q)), central_range(series.along)
+        if size > usual_range(way):
+            out.append(
+                f"{series.label}: positioning deviations that vary by {size:.3g} mm, where those of a machine vary by "
+                f"{usual_range(way):.2g} mm over {way:.4g} mm at most: {REASON}. See the units of commands and "
+                "readings (units: in survey.yaml)"
+            )
+    return out
 
 
 def _of_motions(survey: Survey, machine: Machine) -> Iterator[Series]:

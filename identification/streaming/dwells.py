@@ -27,8 +27,10 @@ from identification.importing.dwells import (
     Scale,
     at_rest,
     scale_of,
+    scatter_of,
     settled,
     stretches_of,
+    turned_back,
 )
 from identification.runtime.engines import Crew
 from identification.streaming.sample import stretches
@@ -40,13 +42,14 @@ HALO_ROWS = 1 << 12  # rows read before and behind a range, and twice as many wh
 
 @dataclass(frozen=True)
 class Found:
-    """Dwells that begin in a range of rows: their means, numbers of readings, and readings in all.
+    """Dwells that begin in a range of rows: their means, numbers of readings, their scatter (mm), and readings in all.
 
     A mean has the median of the commands, since a command may change some readings before or after the target does.
     """
 
     table: pd.DataFrame
     sizes: Array
+    scatter: Array
     seen: int
 
 
@@ -87,7 +90,10 @@ def _together(rows: SurveyRows, parts: Sequence[Found]) -> Survey:
     sizes = np.concatenate([p.sizes for p in parts])
     seen, kept = sum(p.seen for p in parts), sizes >= LEAST
     if kept.any():
-        kept &= sizes >= max(LEAST, SHORTEST * float(np.median(sizes[kept])))
+        scatter = np.concatenate([p.scatter for p in parts])
+        turning = np.zeros_like(kept)
+        turning[kept] = turned_back(sizes[kept], scatter[kept])
+        kept &= (sizes >= max(LEAST, SHORTEST * float(np.median(sizes[kept])))) & ~turning
     moving = seen - int(sizes[sizes >= LEAST].sum())
     usual = float(np.median(sizes[kept])) if kept.any() else 0.0
     if not kept.any() or (usual < MANY and moving <= kept.sum()):
@@ -148,4 +154,5 @@ def _averaged(
     out = groups.first()
     out[list(numbers)] = groups[list(numbers)].mean()
     out[commanded] = groups[commanded].median()
-    return Found(out.reset_index(drop=True), sizes, seen)
+    scatter = np.array([scatter_of(points[a : b + 1]) for a, b in ends])
+    return Found(out.reset_index(drop=True), sizes, scatter, seen)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pandas as pd
 import pytest
 
 from errormodel import InputError
-from identification import import_survey
+from identification import check, import_survey
 from tests.helpers.importing import MILL, logs, points, poses
 
 LATE = 2  # rows that the machine is behind its commands
@@ -145,3 +146,96 @@ def test_many_readings_of_one_command_are_a_dwell(tmp_path: Path) -> None:
     seen = points(pd.concat([told] * 30, ignore_index=True))
     file = written(tmp_path, {"mx": seen[:, 0], "my": seen[:, 1], "mz": seen[:, 2]})
     assert len(import_survey(file, MILL, commands=tmp_path / "plan.csv").survey) == 1
+
+
+@pytest.fixture
+def tracked(tmp_path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Poses and a tracker's log, for commands that have no clock."""
+    told = logs(tmp_path, seed=3, rows=12)
+    told.to_csv(tmp_path / "plan.csv", index=False)
+    return told, pd.read_csv(tmp_path / "tracker.csv")
+
+
+def test_times_of_a_clock_that_was_set_are_left_out(tracked: tuple[pd.DataFrame, pd.DataFrame], tmp_path: Path) -> None:
+    """Joined by order, the rows are right and their times are not: drift and sides of arrival would follow them."""
+    told, log = tracked
+    at = 3 * len(log) // 5
+    log.loc[at:, "Time [s]"] -= 3600
+    log.to_csv(tmp_path / "t.csv", index=False)
+    result = import_survey(tmp_path / "t.csv", MILL, commands=tmp_path / "plan.csv")
+    np.testing.assert_allclose(result.survey.table[["X", "Y", "Z"]], told[1:-1], atol=1e-9)  # the log began late
+    note = next(n for n in result.notes if "clock" in n)
+    assert f"t.csv: its clock goes back by 3600 s before row {at + 1}" in note
+    assert "times were left out" in note
+    assert "time" not in result.survey.table
+    result.save(tmp_path / "s")
+    assert note in check(MILL, tmp_path / "s").notes
+    room = pd.DataFrame({"Time [s]": [-4000.0, 4000.0], "T room [°C]": [20.0, 21.0]})
+    room.to_csv(tmp_path / "room.csv", index=False)
+    with pytest.raises(InputError, match="its clock goes back by 3600 s"):
+        import_survey([tmp_path / "t.csv", tmp_path / "room.csv"], MILL, commands=tmp_path / "plan.csv")
+
+
+def test_readings_that_changed_places_are_no_clock_that_was_set(
+    tracked: tuple[pd.DataFrame, pd.DataFrame], tmp_path: Path
+) -> None:
+    _, log = tracked
+    log.loc[40, "Time [s]"] = log.loc[39, "Time [s]"] - 1e-3
+    log.to_csv(tmp_path / "t.csv", index=False)
+    result = import_survey(tmp_path / "t.csv", MILL, commands=tmp_path / "plan.csv")
+    assert "time" in result.survey.table
+    assert not result.notes
+
+
+def test_a_list_whose_times_go_back_says_so(tmp_path: Path) -> None:
+    told = poses(3, 20)
+    told.to_csv(tmp_path / "plan.csv", index=False)
+    when = 10.0 * np.arange(20) - 3600 * (np.arange(20) >= 12)
+    frame = pd.DataFrame(points(told), columns=["mx", "my", "mz"]).assign(time=when)
+    frame.to_csv(tmp_path / "t.csv", index=False)
+    result = import_survey(tmp_path / "t.csv", MILL, commands=tmp_path / "plan.csv")
+    assert any("goes back by 3590 s before row 13" in n and "--columns time=-" in n for n in result.notes)
+    frame.assign(run=np.where(np.arange(20) < 12, "1", "2")).to_csv(tmp_path / "t.csv", index=False)
+    assert not import_survey(tmp_path / "t.csv", MILL, commands=tmp_path / "plan.csv").notes  # a run begins anew
+
+
+def turning(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Poses and logs at 10 Hz of commands and of a length that turns back on its way: 2.5 s of rest each, 50 mm/s."""
+    told = poses(17, 24)
+    path = [told.to_numpy()[[0]].repeat(25, axis=0)]
+    for a, b in pairwise(told.to_numpy()):
+        steps = int(np.linalg.norm(b - a) / 5)
+        path += [a + (b - a) * np.linspace(0, 1, steps + 1)[1:-1, None], b[None].repeat(25, axis=0)]
+    way = pd.DataFrame(np.vstack(path), columns=["X", "Y", "Z"])
+    length = np.linalg.norm(points(way, noise=0.0) - [2000.0, -2700.0, 500.0], axis=1)
+    length += np.random.default_rng(5).normal(0, 3e-4, len(length))
+    when = 0.1 * np.arange(len(way))
+    way.assign(time=when).to_csv(folder / "controller.csv", index=False)
+    told.to_csv(folder / "plan.csv", index=False)
+    return told, pd.DataFrame({"time": when + 77.0, "length": length})
+
+
+@pytest.mark.parametrize("commands", ["plan.csv", "controller.csv"])
+def test_a_length_that_turns_back_on_its_way_is_at_no_rest(commands: str, tmp_path: Path) -> None:
+    told, log = turning(tmp_path)
+    file = written(tmp_path, {n: log[n].to_numpy() for n in log})
+    for match in ["order", "time"] if commands == "controller.csv" else ["order"]:
+        kind = "station-distance, dead_path: 0"
+        result = import_survey(file, MILL, commands=tmp_path / commands, observation=kind, match=match)
+        assert f"joined {len(told)} of {len(told)} dwells" in result.summary()
+        assert "no rest but a turn of the way: rows " in result.summary()
+        np.testing.assert_allclose(result.survey.table[["X", "Y", "Z"]], told, atol=1e-3)
+
+
+def test_a_dwell_too_many_is_named(tmp_path: Path) -> None:
+    """The machine waited on its way, for a shorter time than at the poses."""
+    told, log = turning(tmp_path)
+    at = 25 + int(np.linalg.norm(np.diff(told.to_numpy()[:2], axis=0)) / 5) // 2
+    stop = log.iloc[[at]].loc[np.repeat(at, 12)] + np.random.default_rng(1).normal(0, 3e-4, (12, 2))
+    log = pd.concat([log[:at], stop, log[at:]], ignore_index=True)
+    file = written(tmp_path, {"length": log["length"].to_numpy()})
+    with pytest.raises(
+        InputError,
+        match=rf"25 dwells and 24 commands; the shortest: rows {at + 1} to {at + 13}, of 13 readings where 25",
+    ):
+        import_survey(file, MILL, commands=tmp_path / "plan.csv", observation="station-distance, dead_path: 0")

@@ -44,7 +44,7 @@ def check(survey_table: pd.DataFrame) -> None:
         own = survey_table[survey_table["dir_X"] == side]
         found = own.assign(run=own["run"].astype(int)).pivot(index="X", columns="run", values="dx")
         np.testing.assert_allclose(found.to_numpy() * 1e3, UM[:, :, back], atol=1e-6)
-        np.testing.assert_array_equal(found.index, TARGETS)
+        np.testing.assert_allclose(found.index, TARGETS, rtol=1e-12)  # rounding of inches
 
 
 @pytest.mark.parametrize("style", HEADS)
@@ -222,3 +222,120 @@ def test_deviations_are_actual_less_nominal(row: int | None, off: float, refused
     said = run("import", tmp_path / "s.csv", "--machine", MILL, "--joint", "X", "--out", tmp_path / "taken")
     assert (said.code == 2) == refused
     assert ("Deviation is not Actual less Nominal" in said.err) == refused
+
+
+@pytest.mark.parametrize("positions", [False, True])
+def test_deviations_of_millimetres_are_a_wrong_unit(positions: bool, tmp_path: Path) -> None:
+    """The coarsest screws are off by 0.05 mm in 300 mm: what is far beyond is refused, whatever the file states."""
+    data = table("arrows", positions)
+    if positions:
+        data.iloc[:, 1:] = TARGETS[:, None] + 1000 * (data.iloc[:, 1:] - TARGETS[:, None])
+    data.columns = [name.replace("µm", "mm") for name in data.columns]
+    (tmp_path / "x.csv").write_text(data.to_csv(index=False), encoding="utf-8")
+    word = "actual" if positions else "deviation"
+    with pytest.raises(InputError, match=rf"error motions of X that vary by .* mm.*--units {word}=") as error:
+        import_survey(tmp_path / "x.csv", MILL, joint="X")
+    assert ("in um" in str(error.value)) is not positions  # a thousandth of a position is no deviation
+    if not positions:
+        check(import_survey(tmp_path / "x.csv", MILL, joint="X", units={word: "um"}).survey.table)
+    stated = import_survey(tmp_path / "x.csv", MILL, joint="X", units={word: "mm"})
+    assert "was stated" in stated.notes[0]
+    assert "was stated" in iso("230-2", MACHINE, stated.survey).notes[0]
+
+
+def test_positions_in_another_unit_than_their_targets(tmp_path: Path) -> None:
+    head = "Nominal [mm];Actual [mm]\n"
+    way = [*TARGETS, *TARGETS[::-1]] * 2
+    (tmp_path / "x.csv").write_text(head + "".join(f"{q};{(q + 1e-5 * q) / 25.4:.6f}\n" for q in way))
+    with pytest.raises(InputError, match=r"actual positions in mm that change by 0.0393.*--units actual=inch"):
+        import_survey(tmp_path / "x.csv", MILL, joint="X")
+    found = import_survey(tmp_path / "x.csv", MILL, joint="X", units={"actual": "inch"}).survey.table
+    np.testing.assert_allclose(found["dx"], 1e-5 * np.array(way), atol=2e-5)
+
+
+def test_targets_that_fill_the_travel_in_inches_are_doubted(tmp_path: Path) -> None:
+    joint = next(j for j in MACHINE.joints if j.name == "X")
+    low, high = (q + s * 5 for q, s in zip(joint.travel, (1, -1), strict=True))
+    way = np.linspace(low, high, 9) / 25.4
+    rows = "".join(f"{q:.4f},{q + 1e-4:.6f},0.0001\n" for q in (*way, *way[::-1]))
+    (tmp_path / "x.csv").write_text(f"Nominal,Actual,Deviation\nmm,mm,mm\n{rows}")
+    found = import_survey(tmp_path / "x.csv", MILL, joint="X")
+    assert any("in inches they would cover" in note for note in found.notes)
+    units = {"target": "inch", "actual": "inch", "deviation": "inch"}
+    assert not import_survey(tmp_path / "x.csv", MILL, joint="X", units=units).notes
+
+
+def test_standards_doubt_points_in_another_unit_first(tmp_path: Path) -> None:
+    q = np.linspace(-150, 150, 9)
+    rows = pd.DataFrame({"X": q, "Y": 0.0, "Z": 0.0, "mx": q / 25.4})
+    rows.to_csv(tmp_path / "x.csv", index=False)
+    assert "See the units" in iso("230-2", MACHINE, tmp_path / "x.csv").notes[0]
+    rows.assign(mx=q * (1 + 1e-5)).to_csv(tmp_path / "x.csv", index=False)
+    assert "See the units" not in "".join(iso("230-2", MACHINE, tmp_path / "x.csv").notes)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Lauf {k} {auf}",
+        "run {k} {up}",
+        "{k}. Lauf {+}",
+        "Messung {k} {auf}wärts",
+        "Run {k} {steigend} [inch]",
+        "{k} {fwd} (in)",
+    ],
+)
+def test_words_of_runs_side_by_side(name: str, tmp_path: Path) -> None:
+    pairs = {"auf": "ab", "up": "down", "+": "-", "steigend": "fallend", "fwd": "rev"}
+    inches = name.endswith(("[inch]", "(in)"))
+    scale = 25.4 if inches else 1.0
+    columns = {"Position [in]" if inches else "Position [mm]": TARGETS / scale}
+    for k in range(RUNS):
+        for back in (0, 1):
+            words = {up: down if back else up for up, down in pairs.items()}
+            columns[name.format(k=k + 1, **words)] = UM[:, k, back] / scale / (1e3 if inches else 1)
+    pd.DataFrame(columns).to_csv(tmp_path / "x.csv", index=False, sep=";", decimal=",", float_format="%.12f")
+    units = {} if inches else {"deviation": "um"}
+    check(import_survey(tmp_path / "x.csv", MILL, joint="X", units=units).survey.table)
+
+
+def wide(readings: np.ndarray, above: str = "") -> str:
+    """A row a run, with its number and its direction in columns of their own; `readings`: (targets, runs, 2)."""
+    text = above + "Lauf;Richtung;" + ";".join(f"{q:.1f}" for q in TARGETS) + "\n"
+    for k in range(RUNS):
+        for back, way in enumerate(("auf", "ab")):
+            text += f"{k + 1};{way};" + ";".join(f"{v:.4f}" for v in readings[:, k, back]) + "\n"
+    return text.replace(".", ",")
+
+
+def test_a_row_a_run_with_numbers_and_directions(tmp_path: Path) -> None:
+    """The axis and the unit stand above the table; positions have the unit of their targets."""
+    positions = TARGETS[:, None, None] + UM / 1e3
+    (tmp_path / "x.csv").write_text(wide(positions, "Messung X-Achse;Laserinterferometer;mm\n"))
+    check(import_survey(tmp_path / "x.csv", MILL).survey.table)
+    (tmp_path / "x.csv").write_text(wide(UM, "Achse: X;Abweichungen in um\n"))
+    check(import_survey(tmp_path / "x.csv", MILL).survey.table)
+    (tmp_path / "x.csv").write_text(wide(positions, "Achse: X\n"))
+    result = import_survey(tmp_path / "x.csv", MILL, joint="Y")
+    assert "the file says axis X, and --joint Y" in result.summary()
+    (tmp_path / "x.csv").write_text(wide(positions, "X axis;inch\n"))
+    with pytest.raises(InputError, match=r"fit the travels only if they are in mm.*--units target=mm"):
+        import_survey(tmp_path / "x.csv", MILL)
+    (tmp_path / "x.csv").write_text(wide(np.roll(positions, 1, axis=0)))
+    with pytest.raises(InputError, match=r"near other targets than their own: 150.* at target -150"):
+        import_survey(tmp_path / "x.csv", MILL, joint="X")
+
+
+@pytest.mark.parametrize("positions", [False, True])
+def test_deviations_alone_prove_no_order(positions: bool, tmp_path: Path) -> None:
+    table("arrows", positions).to_csv(tmp_path / "x.csv", index=False)
+    said = (
+        "shifted by one, or two that are exchanged, do not show"
+        in import_survey(
+            tmp_path / "x.csv",
+            MILL,
+            joint="X",
+            units={"actual" if positions else "deviation": "mm" if positions else "um"},
+        ).summary()
+    )
+    assert said is not positions

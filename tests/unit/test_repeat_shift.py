@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from errormodel import simulate
+from errormodel.observations.station import located
+from identification import fit
 from identification.importing.repeat_shift import repeat_shift
+from tests.helpers.importing import MILL, poses
 
 SHIFT = np.array([0.02, -0.02, 0.01])  # 30 um, ten times the noise
 
@@ -54,3 +58,25 @@ def test_noise_that_drifts_slowly_is_none() -> None:
             noise[k] = 0.9 * noise[k - 1] + np.sqrt(1 - 0.9**2) * noise[k]
         found += repeat_shift(labels, noise, np.arange(1, 73), "a.csv") is not None
     assert found <= 1
+
+
+@pytest.mark.parametrize("moved", [0.0, 0.03])
+def test_a_fit_says_it_too(moved: float) -> None:
+    # all but the first pose are reached from the same sides again
+    survey = simulate(MILL, poses(2, 40).iloc[[*range(40), *range(14)]], noise=0.002, seed=2)
+    survey.loc[survey.index[40:], "mx"] += moved
+    notes = [note for note in fit(MILL, survey.reset_index(drop=True)).notes if "repeats of 13 commands lie" in note]
+    assert len(notes) == bool(moved)
+
+
+def test_places_of_a_station_have_digits_that_are_known() -> None:
+    """Lengths of the other sign fit places at astronomic distances; those of points in a plane both sides of it."""
+    rng = np.random.default_rng(1)
+    points = rng.uniform(0, 500, (40, 3))
+    lengths = np.linalg.norm(points - [1234.567, -700.4, -200.2], axis=1) - 400 + rng.normal(0, 1e-3, 40)
+    with pytest.raises(ValueError, match=r"fit no station within \d\d m. Look for a wrong sign"):
+        located(points, -lengths, {})
+    points[:, 2] = 0
+    lengths = np.linalg.norm(points - [1234.567, -700.4, -200.2], axis=1) + rng.normal(0, 1e-3, 40)
+    with pytest.raises(ValueError, match=r"at \[1235, -700, -?200\] and at \[1235, -700, -?200\] mm alike"):
+        located(points, lengths, {"dead_path": 0.0})
