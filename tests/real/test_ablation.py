@@ -18,7 +18,7 @@ def test_a_joints_curve_comes_back(ur10: Path) -> None:
     result = diagnose(machine, recorded(ur10, machine, 20))
     first, *others = result.diagnosis.findings
     assert (first.effect, first.where, first.motion, first.driver) == ("higher-order-geometry", "J2", ["eb"], ["J2"])
-    assert first.probability > 0.98  # 0.985 is the most that a name gets: it may be what no catalogue has
+    assert first.probability > 0.94  # 0.952 is the most that a name gets: it may be what no catalogue has
     for other in others:
         assert other.effect == "higher-order-geometry"
         assert CURVES[other.where][0] == other.motion[0]

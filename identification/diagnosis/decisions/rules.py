@@ -232,7 +232,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         # ---- model comparison
         "strong-alternative": Rule(
             COMPARISON, EVIDENCE, "The search is repeated from an alternative whose evidence is no further behind.",
-            _in(_SCORING, "CLEARLY", "NEAR"),
+            _in(_COMPARED, "MOST_ALTERNATIVES") + _in(_SCORING, "CLEARLY", "NEAR"),
         ),
         "second-cause": Rule(
             COMPARISON, EVIDENCE,

@@ -1,7 +1,7 @@
 """Comparison of whole models by their log evidence: searches that start from the alternatives of a finding.
 
 Forward selection is greedy: two effects together can look most like a third one, whose refinements then take up the
-rest. The search is therefore repeated from the strongest alternative of a finding that needed refinements, and from a
+rest. The search is therefore repeated from each strong alternative of a finding that needed refinements, and from a
 second cause where much of a finding was taken for its discrepancy. The model with the most evidence is kept.
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, named, ratio
@@ -25,6 +26,7 @@ from identification.diagnosis.search.shape_fit import optimise_shapes
 from identification.runtime.parallel import parallel_map
 from identification.runtime.progress import Progress, silent
 
+MOST_ALTERNATIVES = 3  # of a finding, from which the search is repeated
 SLIGHT = 0.03  # of a finding's evidence: smaller refinements of a large finding are no second cause
 NO_WORSE = 1.02  # times the cross-validation error: smaller differences are chance
 
@@ -85,22 +87,26 @@ def empirical_evidence(model: EffectModel) -> float:
 
 
 def _alternatives(model: EffectModel, log: DecisionLog) -> Iterator[tuple[Step, list[Step]]]:
-    """The best alternative of each finding where it is strong, as a step, with the other findings to search from."""
+    """The strong alternatives of each finding, as steps of their own, with the other findings to search from."""
     groups = model.findings
     if len(model.steps) < 2:
         return
     for main, *refinements in groups:
         others = [g[0] for g in groups if g[0] is not main]
+        linear = model.without([main, *refinements])
         least = main.marginal - max(CLEARLY, NEAR * main.marginal if refinements else 0.0)
-        able = (a for a in main.alternatives if not a.effect.empirical and a.effect.effect != main.effect.effect)
-        best = max(able, key=lambda a: a.evidence, default=None)
-        if best is None or best.evidence < least:
-            continue
-        own = score_of(model.without([main, *refinements]), best.effect)
-        assert own is not None  # it was scored before
-        _, gained, absorbed = own
-        log.add("strong-alternative", "examined", best.effect, best.evidence, least, beside=main.effect)
-        yield replace(best, delta_chi2=gained, absorbed=absorbed), others
+        best: dict[str, Step] = {}  # of each name
+        for step in sorted(main.alternatives, key=lambda a: -a.evidence):
+            if not step.effect.empirical and step.effect.effect != main.effect.effect and step.evidence >= least:
+                best.setdefault(step.effect.effect, step)
+        for alternative in islice(best.values(), MOST_ALTERNATIVES):
+            own = score_of(linear, alternative.effect)
+            assert own is not None  # it was scored before
+            _, gained, absorbed = own
+            log.add(
+                "strong-alternative", "examined", alternative.effect, alternative.evidence, least, beside=main.effect
+            )
+            yield replace(alternative, delta_chi2=gained, absorbed=absorbed), others
 
 
 def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog) -> Iterator[list[Step]]:
