@@ -98,6 +98,7 @@ class FitFile(_Part):
     location_errors: list[_LocationError] = []
     covered: dict[str, Annotated[list[Number], Field(min_length=2, max_length=2)]] = {}
     history: dict[str, Annotated[list[Number], Field(min_length=3, max_length=3)]] = {}
+    runs: list[str] = []
     robust: bool = False
     sigma_um: NotNegative | None = 0.0  # none of positions
     sigma_interval_um: list[Figure] = []

@@ -30,8 +30,8 @@ from identification.results.results_folder import ResultsFolder, whole
 from identification.results.set_ups import set_ups
 from identification.results.stored_fit import SCHEMA, StoredFit, read_files
 from identification.uncertainty.further_poses import leverages
-from identification.uncertainty.lag_history import history_of
 from identification.uncertainty.measured_range import covered
+from identification.uncertainty.recording_end import history_of, runs_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,6 +60,7 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
         "condition": s.groups.condition,
         "covered": covered(fit.chain, fit.span),
         "history": history_of(fit.chain, fit.span),
+        "runs": runs_of(fit.chain, fit.span),
         "frame_mode": fit.survey.frame,
         **({"inches": True} if fit.chain.machine.inches else {}),
         "frame": [

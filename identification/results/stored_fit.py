@@ -19,8 +19,8 @@ from identification.estimation.result import Fit, Spread
 from identification.observation.pose import Pose
 from identification.results.set_ups import set_ups
 from identification.results.versions import read_json
-from identification.uncertainty.lag_history import history_of
 from identification.uncertainty.measured_range import covered
+from identification.uncertainty.recording_end import history_of, runs_of
 
 SCHEMA = "errormodel.fit/1"
 CURE = "Give the folder that `errormodel fit ... --out DIR` wrote"
@@ -68,7 +68,11 @@ def stored(fit: Fit, groups: Sequence[Mapping[str, Any]]) -> StoredFit:
         frame_mode=fit.survey.frame,
         frames=fit.problem.frames,
         test_frames={t.path: t.frames for t in fit.tests},
-        data={"covered": covered(fit.chain, fit.span), "history": history_of(fit.chain, fit.span)},
+        data={
+            "covered": covered(fit.chain, fit.span),
+            "history": history_of(fit.chain, fit.span),
+            "runs": runs_of(fit.chain, fit.span),
+        },
         set_ups={v.id: v.value for v in set_ups(fit)},
         free_reference=bool(fit.problem.readings) and not fit.problem.frames and fit.survey.frame != "fixed",
         coverage=fit.coverage,

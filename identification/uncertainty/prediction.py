@@ -19,9 +19,9 @@ from identification.observation.assembly import frame_columns, frame_labels
 from identification.observation.frames import rotation_notes
 from identification.observation.pose import IDENTITY, Pose
 from identification.results.stored_fit import StoredFit
-from identification.uncertainty.lag_history import continued, started_anew
 from identification.uncertainty.measured_range import beyond_notes
 from identification.uncertainty.reading_prediction import predicted_readings, rigid_parts
+from identification.uncertainty.recording_end import as_in_last_run, continued, in_last_run, started_anew
 from identification.uncertainty.unknown_sides import midway
 
 if TYPE_CHECKING:
@@ -60,6 +60,7 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
 
     labels = _labels(fit, points)
     channels = continued(fit.chain, fit.data.get("history", {}), points.table, fit.chain.columns(points.table))
+    channels = in_last_run(fit.chain, fit.data.get("runs", ()), points.table, channels)
     out = _predict_rows(fit, channels, labels)
     out = midway(fit.chain, points.table, channels, labels, out, partial(_predict_rows, fit))
     table = pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)
@@ -108,7 +109,8 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     free = (FREE_REFERENCE,) if fit.free_reference else ()
     own = (*fit.unlisted, *rotation_notes(fit.frames))
     late = started_anew(fit.chain, fit.data.get("history", {}), points.table)
-    return (*own, *_unfitted(fit, points), *free, *beyond, *late, *_arrivals(fit, points))
+    ended = as_in_last_run(fit.chain, fit.data.get("runs", ()), points.table)
+    return (*own, *_unfitted(fit, points), *free, *beyond, *late, *ended, *_arrivals(fit, points))
 
 
 def _arrivals(fit: StoredFit, points: Survey) -> Iterator[str]:

@@ -1,7 +1,8 @@
-"""Lagged temperatures of later commands go on from the recording's end, where both have one clock.
+"""What later commands go on with from the recording's end: lagged temperatures on one clock, and its last run.
 
 A first-order lag forgets: of its state before only one number is left. What follows differs from a lag that starts in
-equilibrium by ``(state - temperature) exp(-t/tau)``.
+equilibrium by ``(state - temperature) exp(-t/tau)``. What differs from run to run (a station that was moved, an axis
+that was homed anew) stays in later runs as it was in the last recorded one.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Mask
 from errormodel.chain import Chain
 from errormodel.channels import DERIVED_CHANNEL, channel, clocks, lagged
 
@@ -78,3 +79,41 @@ def started_anew(chain: Chain, history: History, table: pd.DataFrame) -> Iterato
             "taken to have been as in that row for long (in each row, where all have one time). Times that go on after "
             "the recording's end, on its clock, continue it"
         )
+
+
+def runs_of(chain: Chain, table: pd.DataFrame) -> list[str]:
+    """Labels of a recording's runs, that of its last row last; none where no channel of the model is a run's."""
+    if "run" not in table or not any(map(_run_of, chain.channels)):
+        return []
+    return [*dict.fromkeys(table["run"].astype(str)[::-1])][::-1]
+
+
+def in_last_run(chain: Chain, runs: Sequence[str], table: pd.DataFrame, columns: list[Array]) -> list[Array]:
+    """The columns of later commands, of which rows of runs that were not recorded are as in the last recorded one."""
+    out, later = list(columns), _not_recorded(runs, table)
+    for number, name in enumerate(chain.channels):
+        if runs and _run_of(name):
+            out[number] = np.where(later, float(_run_of(name) == runs[-1]), columns[number])
+    return out
+
+
+def as_in_last_run(chain: Chain, runs: Sequence[str], table: pd.DataFrame) -> Iterator[str]:
+    """A note on rows of runs that were not recorded, where a channel of the model is a run's."""
+    if not runs or not (later := _not_recorded(runs, table)).any():
+        return
+    names = ", ".join(dict.fromkeys(table["run"].astype(str)[later]))
+    what = " and ".join(filter(None, map(_run_of, chain.channels)))
+    yield (
+        f"run {names} was not recorded: what differs in run {what} is predicted as the recording ended, in run "
+        f"{runs[-1]}. Write the label of a recorded run to have it as in that"
+    )
+
+
+def _run_of(name: str) -> str:
+    """Label of the run whose rows a channel marks; else empty."""
+    return name[4:-1] if name.startswith("run(") else ""
+
+
+def _not_recorded(runs: Sequence[str], table: pd.DataFrame) -> Mask:
+    """Rows (n,) of runs that are not among the recorded ones."""
+    return ~table["run"].astype(str).isin(runs).to_numpy(dtype=bool)

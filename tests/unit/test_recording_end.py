@@ -12,7 +12,14 @@ from errormodel.chain import Chain
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from errormodel.simulation import random_points
-from identification.uncertainty.lag_history import continued, history_of, started_anew
+from identification.uncertainty.recording_end import (
+    as_in_last_run,
+    continued,
+    history_of,
+    in_last_run,
+    runs_of,
+    started_anew,
+)
 
 LAG = "lag(T_bed,1800)"
 
@@ -61,3 +68,24 @@ def test_other_clocks_start_anew(chain: Chain, case: str) -> None:
     assert all(a is b for a, b in zip(continued(chain, history, later, anew), anew, strict=True))
     (note,) = started_anew(chain, history, later)
     assert note.startswith("T_bed acts late")
+
+
+def test_a_station_that_was_moved_stays_where_it_was_moved_to() -> None:
+    """Rows of a run that was not recorded are as the recording ended; of one that was, as it was in that."""
+    shift = EffectSpec("station-shift", {"run": "b"})
+    chain = Chain(replace(read_machine("vertical_three_axis"), effects=(shift,)))
+    number = chain.channels.index("run(b)")
+    points = random_points(chain.machine, 6, 1)
+
+    def later(recorded: str, commands: str) -> tuple[list[float], list[str]]:
+        runs = runs_of(chain, points.assign(run=list(recorded)))
+        table = points.assign(run=list(commands))
+        columns = in_last_run(chain, runs, table, chain.columns(table))
+        return columns[number].tolist(), list(as_in_last_run(chain, runs, table))
+
+    assert later("aaabbb", "abcdab") == ([0.0, 1.0, 1.0, 1.0, 0.0, 1.0], later("aaabbb", "abcdab")[1])
+    assert "run c, d was not recorded" in later("aaabbb", "abcdab")[1][0]
+    assert "in run b. Write" in later("aaabbb", "abcdab")[1][0]
+    assert later("bbbaaa", "cccbbb")[0] == [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]  # moved back before the recording ended
+    assert later("ababab", "cccccc")[0] == [1.0] * 6  # the last row counts
+    assert not later("aaabbb", "bababa")[1]
