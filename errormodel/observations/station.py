@@ -37,7 +37,7 @@ def located(
     ----------
     points : (n, 3) mm; readings : (n,) distance less dead path, mm.
     known : the known ones, by name.
-    near : rough place; None: found from several starts.
+    near : rough place, by which one of several places that explain the readings alike is chosen.
 
     Raises
     ------
@@ -57,7 +57,10 @@ def located(
     if any(n in known for n in "xyz"):  # the schema gives all three or none
         raise ValueError("a station of which one coordinate is known. Give all three or none")
     fixed = known.get("dead_path")
-    starts = [np.array([*near, 0.0])] if near is not None else _starts(points, readings, fixed)
+    starts = _starts(points, readings, fixed)
+    if near is not None:
+        lacking = float(np.median(np.linalg.norm(points - np.asarray(near), axis=1) - readings))
+        starts.append(np.array([*near, lacking if fixed is None else fixed]))
     found = sorted((_refined(points, readings, fixed, s) for s in starts), key=lambda f: f[1])
     (best, misfit), spread = found[0], float(np.ptp(points, axis=0).max())
     if misfit > FOREIGN * spread:
@@ -66,9 +69,11 @@ def located(
             "column, machine or dead path"
         )
     reach = float(np.abs(readings).max()) + spread
-    for other, its in found[1:] if near is None else ():
-        alike = its <= SAME_MISFIT * misfit + ROUND_OFF * reach
-        if alike and np.linalg.norm(other[:3] - best[:3]) > SAME_PLACE * reach:
+    alike = [place for place, its in found if its <= SAME_MISFIT * misfit + ROUND_OFF * reach]
+    if near is not None:  # a start there may end at another place that explains the lengths as well
+        best = min(alike, key=lambda place: float(np.linalg.norm(place[:3] - near)))
+    for other in alike if near is None else ():
+        if np.linalg.norm(other[:3] - best[:3]) > SAME_PLACE * reach:
             if min(np.linalg.norm(s[:3] - points.mean(axis=0)) for s in (best, other)) > FAR_AWAY * spread:
                 raise ValueError(
                     f"lengths that fit no station within {FAR_AWAY * spread / 1e3:.0f} m. Look for a wrong sign, unit "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,11 +15,12 @@ from errormodel.raw_formats.direction_words import sides
 from errormodel.raw_formats.positioning import axis_above, joint_for, motion_rows, other_axis
 from errormodel.raw_formats.table_columns import columns_of, numbers
 from errormodel.raw_formats.unit_words import unit_word
+from errormodel.surveys.motion_sizes import usual_range
 from errormodel.units import Quantity, is_unit, to_internal
 
 TARGET = re.compile(
     r"target(position|pos|no)?|nominale?(position)?|setpoint|soll(wert|position|pos)?|ziel(wert|position)?|vorgabe|"
-    r"consigne|th\u00e9orique|theorique|teorico|teorica|theoretical",
+    r"consigne|cible|th\u00e9orique|theorique|teorico|teorica|theoretical",
     re.IGNORECASE,
 )
 _ACTUAL = re.compile(
@@ -32,6 +34,8 @@ _COUNTED = re.compile(r"no|nr|i|number|n|index|#|punkt|point", re.IGNORECASE)
 _CLOCK = re.compile(r"(time|zeit|date|datum|temps|ora|heure)[\s_]?(stamp)?.*")
 LEAST_UNLIKE = 2e-4  # mm or rad: rounding of deviations and positions in tables
 ROUNDED, COARSE = 10.0, 0.05  # times the median difference, up to so many mm: positions are written with fewer digits
+FEW = 0.1  # share of the readings, up to which they may be lost or exchanged
+MOST_NAMED = 5  # lines and targets that a message names
 _UNIT = re.compile(r"_(mm|um|inch|deg|arcsec|urad|rad)$")
 
 
@@ -108,6 +112,9 @@ class PositioningTest(RawFormat):
         else:
             read_as = ReadAs("actual", stated)
             own, reading = "rad" if joint.type == "rotary" else "mm", less
+        if joint.type == "prismatic":
+            off = to_internal(reading, own, quantity)
+            _refuse_far(to_internal(target, unit, quantity), off, table.lines, raw.name, found)
         side = np.full(len(frame), np.nan)
         if "side" in found:
             name = found["side"]
@@ -118,6 +125,7 @@ class PositioningTest(RawFormat):
             run = [f"{c:g}" if isinstance(c, float) else str(c) for c in frame[found["cycle"]]]
         elif "side" not in found:
             run, side = _passes(target)
+            _refuse_unequal(target, run, side, table.lines, raw.name)
             notes.append(f"{found['target']}: nominal; {found['actual']}: measured; runs and sides by their order")
         position = to_internal(target, unit, quantity)
         rows = motion_rows(joint, np.degrees(position) if usual == "deg" else position, reading, own, run, side)
@@ -145,6 +153,54 @@ def _refuse_unlike(table: Recording, found: dict[str, str], name: str, deviation
             f"{less[row]:.6g} mm or rad",
             f"Say which holds: leave {found['deviation']} or {found['actual']} out (--columns {found['actual']}=-)",
         )
+
+
+def _refuse_far(target: np.ndarray, off: np.ndarray, lines: Sequence[int], name: str, found: dict[str, str]) -> None:
+    """InputError where few readings (n,) are farther off their targets (n,), mm, than those of a machine ever are.
+
+    Where many are, it is their unit: that is judged with the survey.
+    """
+    good = np.isfinite(off) & np.isfinite(target)
+    if not good.any():
+        return
+    most = usual_range(float(np.ptp(target[good])))
+    far = np.flatnonzero(good & (np.abs(off - np.median(off[good])) > most))
+    if not 0 < len(far) <= FEW * good.sum():
+        return
+    row = int(far[0])
+    others = " and ".join(str(lines[k]) for k in far[1:MOST_NAMED])
+    more = f"; so is line {others}" if others else ""
+    swapped = any(abs(target[row] + off[row] - target[k]) < most for k in far[1:])
+    said = ": they fit each other's targets, exchanged" if swapped else ""
+    raise InputError(
+        f"{name}, line {lines[row]}",
+        f"a reading {off[row]:.6g} mm off its target, where the others are within {most:.2g} mm{more}{said}",
+        f"Take the line out if its reading is lost, or see that {found['target']} is its target (copy the file first)",
+    )
+
+
+def _refuse_unequal(target: np.ndarray, run: list[str], side: np.ndarray, lines: Sequence[int], name: str) -> None:
+    """InputError where passes that were found by the order of the targets (n,) do not have the same targets.
+
+    A reading that is missing, or in another line, would count for another side.
+    """
+    passes: dict[tuple[str, float], list[int]] = {}
+    for k, key in enumerate(zip(run, side.tolist(), strict=True)):
+        passes.setdefault(key, []).append(k)
+    targets = {key: frozenset(np.round(target[rows], 3).tolist()) for key, rows in passes.items()}
+    usual = max(targets.values(), key=lambda own: (sum(own == other for other in targets.values()), len(own)))
+    for key, own in targets.items():
+        if own != usual:
+            first, last = lines[passes[key][0]], lines[passes[key][-1]]
+            lacks = ", ".join(f"{t:g}" for t in sorted(usual - own)[:MOST_NAMED]) or "none"
+            more = ", ".join(f"{t:g}" for t in sorted(own - usual)[:MOST_NAMED])
+            has = f" and has {more} more" if more else ""
+            raise InputError(
+                f"{name}, lines {first} to {last}",
+                f"a pass by the order of its targets that lacks {lacks}{has}, where "
+                "others do not: which readings belong to which side is not sure",
+                "Put the lines in the order of measuring, or add columns of the run and of the direction (+ or -)",
+            )
 
 
 def axis_in(name: str) -> str:

@@ -339,3 +339,33 @@ def test_deviations_alone_prove_no_order(positions: bool, tmp_path: Path) -> Non
         ).summary()
     )
     assert said is not positions
+
+
+def listed(tmp_path: Path, lines: list[str]) -> Path:
+    """A list of targets and positions in the order of measuring."""
+    path = tmp_path / "list.csv"
+    path.write_text("\n".join(["Soll [mm];Ist [mm]", *lines]) + "\n")
+    return path
+
+
+def test_lists_with_lost_or_exchanged_readings_are_refused(tmp_path: Path) -> None:
+    """Sides of approach come from the order of the lines: what is missing or elsewhere would count for another side."""
+    order = [(t, k, back) for k in range(RUNS) for back in (0, 1) for t in range(len(TARGETS))[:: -1 if back else 1]]
+    lines = [f"{TARGETS[t]:.3f};{TARGETS[t] + UM[t, k, back] / 1e3:.6f}" for t, k, back in order]
+    result = import_survey(listed(tmp_path, lines), MILL, joint="X").survey.table
+    assert len(result) == len(lines)
+    several = len(TARGETS)
+    for wrong in (
+        [*lines[: several + 2], *lines[several + 4 :]],  # two lines are missing
+        [*lines[:several], *lines[2 * several :]],  # a pass is missing
+        [*lines[:1], lines[2], lines[1], *lines[3:]],  # two lines exchanged
+    ):
+        with pytest.raises(InputError, match=r"a pass by the order of its targets that lacks .*add columns"):
+            import_survey(listed(tmp_path, wrong), MILL, joint="X")
+    (one, first), (other, second) = (line.split(";") for line in lines[1:3])
+    exchanged = [lines[0], f"{one};{second}", f"{other};{first}", *lines[3:]]
+    with pytest.raises(InputError, match=r"line 3: a reading .* mm off its target.*line 4.*exchanged"):
+        import_survey(listed(tmp_path, exchanged), MILL, joint="X")
+    lost = [*lines[:4], f"{lines[4].split(';')[0]};0.000000", *lines[5:]]
+    with pytest.raises(InputError, match=r"line 6: a reading .* mm off its target, where the others are within"):
+        import_survey(listed(tmp_path, lost), MILL, joint="X")
