@@ -21,6 +21,7 @@ from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
 from identification.importing.exchanged_rows import CURE, FEWEST_PROVED, refuse_exchanged, refuse_few_exchanged
+from identification.importing.far_rows import far_rows
 from identification.importing.one_place import OnePlace, at_one_place, prove_one_place
 from identification.importing.other_orders import OtherOrder, in_a_plane, other_order
 from identification.importing.repeat_shift import LOCATED, RepeatShift, repeat_shift_of
@@ -28,7 +29,6 @@ from identification.importing.steps import Step, find_step
 from identification.observation.assembly import build, frame_labels
 
 FOREIGN = 0.02  # of the points' reach: a rigid alignment of points that belong together leaves less; by judgement
-WILD = 10.0  # times the distance of most points: named as far from its command
 UNIT_FACTORS = {1.0: "mm", 25.4: "inch", 1e3: "m", 1e-3: "um", 10.0: "cm"}  # mm a unit
 FEWEST_OF_UNIT = 4  # points, for their unit to be judged
 LEAST_SPREAD = 1e-6  # mm: commands at one place
@@ -122,8 +122,7 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
             f"and reach {reach:.0f} mm; no sign, unit, exchange or shift of rows makes them fit"
         )
         raise InputError(_place(survey), found, "See that these commands were measured, with this machine and tool")
-    usual = float(np.quantile(distance, 0.8)) if len(distance) else 0.0
-    wild = rows[distance > WILD * max(usual, 1e-3)]
+    wild = far_rows(survey, rows, distance, FOREIGN * max(reach, 1.0))
     repeats, scatter = _repeats(machine, survey, rows)
     sigma = [c for c in ("sigma_x", "sigma_y", "sigma_z") if c in survey.table]
     dwell = 1e3 * float(np.nanmedian(survey.table[sigma])) if sigma and averaged else np.nan

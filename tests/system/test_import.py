@@ -188,6 +188,20 @@ def test_of_few_rows_an_exchange_and_a_shift_are_found_too(order: list[int], fol
     assert len(import_survey(folder / "few.txt", MILL, commands=folder / "few.nc").survey) == 8
 
 
+@pytest.mark.parametrize(("wrong", "accepted"), [(3, True), (8, False)])
+def test_more_than_a_few_points_of_other_commands_are_refused(wrong: int, accepted: bool, folder: Path) -> None:
+    """As after a clock that was set: what is joined from there on was measured elsewhere. A few are gross errors."""
+    other = points(poses(seed=11))
+    mixed = np.vstack([MEASURED[: ROWS - wrong], other[ROWS - wrong :]])
+    (folder / "mixed.txt").write_text(spatialanalyzer(mixed))
+    if accepted:
+        said = import_survey(folder / "mixed.txt", MILL, commands=folder / "survey.nc").summary()
+        assert "far from their commands: rows 38, 39, 40" in said
+        return
+    with pytest.raises(InputError, match=r"joined rows 33 to 40: 8 of 40 points lie .*or a clock was set"):
+        import_survey(folder / "mixed.txt", MILL, commands=folder / "survey.nc")
+
+
 def test_commands_without_names_are_taken_in_the_usual_order(folder: Path) -> None:
     """X Y Z for a machine of letters; a column that counts the rows is none of them."""
     for columns in (COMMANDS, COMMANDS.reset_index()):
