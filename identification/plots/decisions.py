@@ -24,7 +24,7 @@ from identification.diagnosis.decisions.fates import (
     Place,
 )
 from identification.diagnosis.decisions.log import Decision
-from identification.diagnosis.search.scoring import CLEARLY
+from identification.diagnosis.search.scoring import LEAST_EVIDENCE
 from identification.plots import style
 
 ROW_IN, LABEL_IN, REASON_IN = 0.19, 2.2, 3.0  # inches: height of a row, widths of the texts beside the panel
@@ -139,7 +139,7 @@ def _reason(fate: Fate, history: History) -> str:
     if fate.word == BEHIND and fate.last is not None:
         return f"log Bayes factor {fate.last.value:.3g} to the last"
     if fate.word == LOW and fate.first is not None:
-        return f"log Bayes factor {fate.first.value:.3g} < {CLEARLY:.3g}"
+        return f"log Bayes factor {fate.first.value:.3g} < {LEAST_EVIDENCE:.3g}"
     rules = [d for d in fate.deciding if d.rule != "candidate-score"]
     if fate.word == FOUND:
         tests = [d for d in rules if d.rule in ("detection-in-correlated-noise", "cross-validation")]

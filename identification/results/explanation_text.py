@@ -27,7 +27,7 @@ from identification.diagnosis.decisions.log import Decision
 from identification.diagnosis.decisions.rule import COUNT
 from identification.diagnosis.decisions.rules import RULES
 from identification.diagnosis.decisions.stages import CONDITIONAL, NAMES, PROPOSALS, SELECTION, STAGES, UNTESTABLE
-from identification.diagnosis.search.scoring import CLEARLY
+from identification.diagnosis.search.scoring import LEAST_EVIDENCE
 from identification.results.terminal import table_lines
 
 SHOWN, SHOWN_ASIDE = 6, 10  # candidates of a list, the first of many; those that a finding was preferred to
@@ -169,7 +169,7 @@ def fate_lines(fate: Fate, history: History, diagnosis: Mapping[str, Any]) -> It
         if fate.word == LOW:
             yield (
                 f"  the examined ones had {number(fate.first.threshold)} and more, or were the best of their name; "
-                f"nothing with less than {number(CLEARLY)} ever is"
+                f"nothing with less than {number(LEAST_EVIDENCE)} ever is"
             )
     later = fate.last is not None and fate.first is not None and fate.last.round > fate.first.round
     if fate.last is not None and later and fate.word not in (FOUND, ALTERNATIVE, MERGED):

@@ -38,6 +38,7 @@ LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
     "near-tie": ((_SEARCH + "scoring", "_names", lambda linear, ranked, log: list(ranked)),),
     "two-causes": ((_FORWARD, "_by_two_causes", _none),),
     "refinement-first": ((_FORWARD, "NEAR_BEST", FOREVER),),
+    "left-over": ((_FORWARD, "left_over", _none),),
     "like-contribution": ((_SEARCH + "refinement", "_much_the_same", _no),),
     "share-of-findings": ((_FORWARD, "LEAK", 0.0),),
     "competing-refinement": ((_FORWARD, "COMPETES", FOREVER),),

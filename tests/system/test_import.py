@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -130,46 +129,6 @@ def test_a_wrong_join_is_refused_with_what_fits_instead(what: str, folder: Path)
     assert not (folder / "s").exists()
 
 
-@pytest.mark.parametrize("match", ["auto", "nearest"])
-@pytest.mark.parametrize(
-    ("changed", "found", "cure"),
-    [
-        (1 / 25.4, "in inch 30 of 30 readings fit", "--units mx=inch"),
-        (np.array([1, -1, 1]), "as their mirror image 30 of 30 readings fit", "--columns mz=-Z"),
-        (np.array([1, 1, -1]) / 1e3, "in m and as their mirror image 30 of 30", "--units mx=m"),
-    ],
-)
-def test_the_unit_and_the_hand_of_points_in_no_order_are_named(
-    match: Literal["auto", "nearest"], changed: float | np.ndarray, found: str, cure: str, folder: Path
-) -> None:
-    order = np.random.default_rng(4).permutation(30)
-    rows = "\n".join("\t".join(f"{v:.7f}" for v in MEASURED[k] * changed) for k in order)
-    (folder / "bare.txt").write_text(rows)
-    COMMANDS[:30].to_csv(folder / "few.csv", index=False)
-    with pytest.raises(InputError) as error:
-        import_survey(folder / "bare.txt", MILL, commands=folder / "few.csv", match=match)
-    assert found in str(error.value)
-    assert cure in str(error.value)
-    assert ("add --match nearest" in str(error.value)) is (match == "auto")
-
-
-@pytest.mark.parametrize("separate", [False, True])
-def test_the_unit_that_is_advised_is_the_right_one(separate: bool, folder: Path) -> None:
-    """Of columns whose unit the file states wrongly, named one by one: what a file states goes before a kind's unit."""
-    both = pd.DataFrame(np.hstack([COMMANDS, MEASURED]), columns=["X", "Y", "Z", "mx", "my", "mz"])
-    (head, rows) = both.to_csv(index=False).split("\n", 1)
-    (folder / "both.csv").write_text(head.replace("X,Y,Z", "X [in],Y [in],Z [in]") + "\n" + rows)
-    words = {"commands": folder / "both.csv"} if separate else {}
-    (folder / "m.csv").write_text(both[["mx", "my", "mz"]].to_csv(index=False))
-    source = folder / ("m.csv" if separate else "both.csv")
-    option = "--command-units" if separate else "--units"
-    with pytest.raises(InputError, match=rf"only if they are in mm\. Import again with {option} X=mm,Y=mm,Z=mm$"):
-        import_survey(source, MILL, **words)
-    units = dict.fromkeys("XYZ", "mm")
-    said = {"command_units": units} if separate else {"units": units}
-    np.testing.assert_allclose(import_survey(source, MILL, **words, **said).survey.table[[*"XYZ"]], COMMANDS)
-
-
 def test_two_of_twenty_that_changed_places_are_found(folder: Path) -> None:
     order = [15 if k == 7 else 7 if k == 15 else k for k in range(20)]
     (folder / "few.txt").write_text(spatialanalyzer(MEASURED[:20][order]))
@@ -186,20 +145,6 @@ def test_of_few_rows_an_exchange_and_a_shift_are_found_too(order: list[int], fol
         import_survey(folder / "few.txt", MILL, commands=folder / "few.nc")
     (folder / "few.txt").write_text(spatialanalyzer(MEASURED[:8]))
     assert len(import_survey(folder / "few.txt", MILL, commands=folder / "few.nc").survey) == 8
-
-
-@pytest.mark.parametrize(("wrong", "accepted"), [(3, True), (8, False)])
-def test_more_than_a_few_points_of_other_commands_are_refused(wrong: int, accepted: bool, folder: Path) -> None:
-    """As after a clock that was set: what is joined from there on was measured elsewhere. A few are gross errors."""
-    other = points(poses(seed=11))
-    mixed = np.vstack([MEASURED[: ROWS - wrong], other[ROWS - wrong :]])
-    (folder / "mixed.txt").write_text(spatialanalyzer(mixed))
-    if accepted:
-        said = import_survey(folder / "mixed.txt", MILL, commands=folder / "survey.nc").summary()
-        assert "far from their commands: rows 38, 39, 40" in said
-        return
-    with pytest.raises(InputError, match=r"joined rows 33 to 40: 8 of 40 points lie .*or a clock was set"):
-        import_survey(folder / "mixed.txt", MILL, commands=folder / "survey.nc")
 
 
 def test_commands_without_names_are_taken_in_the_usual_order(folder: Path) -> None:

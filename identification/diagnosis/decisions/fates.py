@@ -10,7 +10,7 @@ from functools import cached_property
 from identification.diagnosis.decisions.log import MAIN, Decision
 from identification.diagnosis.decisions.rules import RULES
 from identification.diagnosis.decisions.stages import PROPOSALS, SELECTION, UNTESTABLE, WITNESSES
-from identification.diagnosis.search.scoring import CLEARLY
+from identification.diagnosis.search.scoring import LEAST_EVIDENCE
 
 Place = tuple[str, str]  # effect and where
 SCORES = ("candidate-score", "optimised-score")
@@ -132,11 +132,11 @@ class History:
         unseen = [d for d in own if RULES[d.rule].stage in (UNTESTABLE, PROPOSALS)]
         if refused and refused[-1].rule != "least-evidence":
             return fate(REFUSED, refused[-3:])
-        if first and last and (last.value or 0.0) >= CLEARLY:
+        if first and last and (last.value or 0.0) >= LEAST_EVIDENCE:
             refused = [d for d in self.decisions if d.round == last.round and d.outcome == "refused"]
             aside = [d for d in own if d.outcome == "set aside" and d.round == last.round]
             return fate(BEHIND, [last, *aside, *refused])
-        if first and last and (first.value or 0.0) >= CLEARLY:
+        if first and last and (first.value or 0.0) >= LEAST_EVIDENCE:
             return fate(EXPLAINED, [first, last], self._added_between(own, first))
         if unseen and (first is None or any(RULES[d.rule].stage == UNTESTABLE for d in unseen)):
             return fate(NEVER, unseen)
@@ -178,7 +178,7 @@ class History:
             if not later:
                 break
             best = max(v for v, r in zip(now, later, strict=True) if r == min(later))
-            if best < before / 2 and before > CLEARLY:
+            if best < before / 2 and before > LEAST_EVIDENCE:
                 out.append(d.place)
             before = best
         return list(dict.fromkeys(out))

@@ -134,7 +134,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "least-evidence": Rule(
             SELECTION, EVIDENCE,
             "Where no candidate has as much evidence the search ends.",
-            _in(_SCORING, "CLEARLY")
+            _in(_SCORING, "LEAST_EVIDENCE")
         ),
         "optimised-score": Rule(
             SELECTION, EVIDENCE,
@@ -163,7 +163,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "two-causes": Rule(
             SELECTION, DELTA,
             "A thermal effect with two sensors or lags that explains as much comes before an empirical term.",
-            _in(_SCORING, "FORM", "CLEARLY"),
+            _in(_SCORING, "FORM", "LEAST_EVIDENCE"),
         ),
         "refinement-first": Rule(
             SELECTION, EVIDENCE,
@@ -181,6 +181,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "remainder-of-surface": Rule(
             SELECTION, "", "What follows one driver of an empirical form over two refines that form."
         ),
+        "left-over": Rule(
+            SELECTION, DELTA, "What explains little of a finding at its place by its drivers is left over from it.",
+            _in(_REFINED, "LEFT"),
+        ),
         "detection": Rule(
             SELECTION, EVIDENCE, "The evidence less the trials factor must be clear.", _in(_SCORING, "DECISIVE_ODDS")
         ),
@@ -197,7 +201,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "most-steps": Rule(SELECTION, COUNT, "No more effects than this.", _in(_FORWARD, "MOST_STEPS")),
         "refinement-below-detection": Rule(
             SELECTION, EVIDENCE, "Below the level of a finding, the best refinement of one is tried.",
-            _in(_SCORING, "CLEARLY"),
+            _in(_SCORING, "LEAST_EVIDENCE"),
         ),
         "competing-refinement": Rule(
             SELECTION, EVIDENCE, "Refinements of one finding with enough evidence compete by cross-validation.",
@@ -211,7 +215,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "second-sensor": Rule(
             SELECTION, EVIDENCE, "A second sensor or lag is added where it has evidence and predicts better.",
-            _in(_SCORING, "CLEARLY"),
+            _in(_SCORING, "LEAST_EVIDENCE"),
         ),
         "step-function": Rule(
             SELECTION, "log evidence (Schwarz)",
@@ -232,12 +236,12 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         # ---- model comparison
         "strong-alternative": Rule(
             COMPARISON, EVIDENCE, "The search is repeated from an alternative whose evidence is no further behind.",
-            _in(_COMPARED, "MOST_ALTERNATIVES") + _in(_SCORING, "CLEARLY", "NEAR"),
+            _in(_COMPARED, "MOST_ALTERNATIVES") + _in(_SCORING, "LEAST_EVIDENCE", "NEAR"),
         ),
         "second-cause": Rule(
             COMPARISON, EVIDENCE,
             "It is repeated with a second cause where refinements of a finding have much evidence.",
-            _in(_COMPARED, "SLIGHT") + _in(_SCORING, "CLEARLY") + _in(_REFINED, "OWN"),
+            _in(_COMPARED, "SLIGHT") + _in(_SCORING, "LEAST_EVIDENCE") + _in(_REFINED, "OWN"),
         ),
         "search-from": Rule(COMPARISON, "", "An effect that a repeated search begins with."),
         "model-evidence": Rule(
@@ -273,7 +277,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "uncontradicted-alternative": Rule(
             WITNESSES, EVIDENCE,
             "It is replaced by an alternative with so much evidence that no witness contradicts.",
-            _in(_SCORING, "CLEARLY"),
+            _in(_SCORING, "LEAST_EVIDENCE"),
         ),
         # ---- probability of a name
         "name-probability": Rule(

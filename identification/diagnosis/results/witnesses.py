@@ -25,7 +25,7 @@ from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.statements import subject
 from identification.diagnosis.search.model import EffectModel, of_groups
-from identification.diagnosis.search.scoring import CLEARLY, Step
+from identification.diagnosis.search.scoring import LEAST_EVIDENCE, Step
 
 ENCODER = re.compile(r"enc(oder)?\d*|scale|ruler", re.IGNORECASE)
 LEVEL = re.compile(r"(spirit)?level\d*|tilt|incl(inometer)?", re.IGNORECASE)
@@ -119,7 +119,7 @@ def apply_witnesses(
             new = _instead(linear, group[0], seen)
             if not new:
                 continue
-            least = max(CLEARLY, group[0].evidence / 2)
+            least = max(LEAST_EVIDENCE, group[0].evidence / 2)
             instead = new[0].effect, new[0].evidence, least
             log.add("uncontradicted-alternative", "kept", *instead, beside=group[0].effect)
             named = subject(group[0].effect)
@@ -200,7 +200,9 @@ def _instead(linear: LinearModel, step: Step, seen: Sequence[Witness]) -> list[S
     """The best alternative of a contradicted step that no witness contradicts, named effects first; or nothing."""
     for empirical in (False, True):
         for alternative in step.alternatives:
-            if alternative.effect.empirical is not empirical or alternative.evidence < max(CLEARLY, step.evidence / 2):
+            if alternative.effect.empirical is not empirical or alternative.evidence < max(
+                LEAST_EVIDENCE, step.evidence / 2
+            ):
                 continue
             alone = replace(
                 alternative, delta_chi2=linear.delta_chi2(linear.with_effect(alternative.effect)), partner=()

@@ -20,8 +20,8 @@ from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.conditional_evidence import MOST_ALTERNATIVES_TRIED, conditional_scores
 from identification.diagnosis.search.criteria import base_channels, heldout_rms, log_likelihood_gain
 from identification.diagnosis.search.model import EffectModel, log_evidence, of_groups, replayed, with_step
-from identification.diagnosis.search.refinement import forms, is_departure, refined, refinement_of
-from identification.diagnosis.search.scoring import CLEARLY, DETECT, FORM, Step, accepted, choose
+from identification.diagnosis.search.refinement import forms, is_departure, left_over, refined, refinement_of
+from identification.diagnosis.search.scoring import DETECT, FORM, LEAST_EVIDENCE, Step, accepted, choose
 from identification.diagnosis.search.sensor_pairs import best_pair
 from identification.diagnosis.search.shape_fit import optimise_shapes
 from identification.diagnosis.search.step_functions import switched
@@ -136,9 +136,9 @@ def add_best(model: EffectModel, likely: Likely, log: DecisionLog = UNRECORDED) 
     if own is None:  # before a new finding, try it as a refinement of an existing one
         could = [(s, refined(model, s)) for s in steps if s.evidence > NEAR_BEST * best.evidence]
         others = [s for s, k in could if k is not None and is_departure(model, k, best.effect)]
+        first, best = best, max(others, key=lambda s: s.evidence, default=best)
+        own, rule = refinement_of(model, best) if others else (left_over(model, best), "left-over")
         if others:
-            first, best = best, max(others, key=lambda s: s.evidence)
-            own, rule = refinement_of(model, best)
             least = NEAR_BEST * first.evidence
             log.add("refinement-first", "preferred", best.effect, best.evidence, least, beside=first.effect)
     if own is not None:
@@ -146,15 +146,15 @@ def add_best(model: EffectModel, likely: Likely, log: DecisionLog = UNRECORDED) 
         log.add(rule, "merged", best.effect, beside=model.steps[own].effect)
     elif not _is_finding(model, best, explained, log):
         # below the acceptance level: try the following proposals as refinements
-        further = [s for s in steps if s.evidence > CLEARLY and refined(model, s) is not None]
+        further = [s for s in steps if s.evidence > LEAST_EVIDENCE and refined(model, s) is not None]
         if not further:
             return None
         best = replace(further[0], parent=refined(model, further[0]))
         into = model.steps[best.parent or 0].effect
-        log.add("refinement-below-detection", "merged", best.effect, best.evidence, CLEARLY, beside=into)
+        log.add("refinement-below-detection", "merged", best.effect, best.evidence, LEAST_EVIDENCE, beside=into)
     tries = [best]
     if best.parent is not None:  # other refinements of the same finding compete by cross-validation
-        enough = max(CLEARLY, COMPETES * best.evidence)
+        enough = max(LEAST_EVIDENCE, COMPETES * best.evidence)
         near = [s for s in steps if s is not best and s.evidence > enough]
         others = [replace(s, parent=best.parent) for s in near if refined(model, s) == best.parent][:MOST_COMPETING]
         for s in others:
@@ -188,7 +188,7 @@ def _is_finding(model: EffectModel, best: Step, explained: float, log: DecisionL
 
 def _likely(linear: LinearModel, candidates: Candidates, log: DecisionLog) -> Likely:
     """The best proposals with optimised shapes, and the preferred one among them."""
-    steps = optimise_shapes(linear, candidates, LIKELY, CLEARLY, log)
+    steps = optimise_shapes(linear, candidates, LIKELY, LEAST_EVIDENCE, log)
     if not steps:
         return None
     best = choose(linear, steps, log)
@@ -225,7 +225,7 @@ def _by_two_causes(
     able: list[Step] = []
     for step in sorted((s for s in steps if not s.effect.empirical), key=lambda s: -s.evidence):
         found = best_pair(linear, step.effect, candidates.effects)
-        if found is None or found[2] < CLEARLY:
+        if found is None or found[2] < LEAST_EVIDENCE:
             continue
         one, other, more = found
         both = linear.with_effect(one).with_effect(other)
@@ -281,15 +281,15 @@ def add_second_sensor(model: EffectModel, candidates: Candidates, log: DecisionL
         return model
     linear = model.without(group)
     found = best_pair(linear, group[0].effect, candidates.effects)
-    if found is None or found[2] < CLEARLY:
+    if found is None or found[2] < LEAST_EVIDENCE:
         if found is not None:
-            log.add("second-sensor", "refused", found[1], found[2], CLEARLY, beside=group[0].effect)
+            log.add("second-sensor", "refused", found[1], found[2], LEAST_EVIDENCE, beside=group[0].effect)
         return model
     one, other, evidence = found
     pair = [replace(group[0], effect=one), Step(other, evidence, 0.0, group[0].absorbed)]
     trial = refit_time_constants(of_groups(model.start, [*others, pair]))
     better = heldout_rms(trial.linear) < heldout_rms(model.linear)
-    log.add("second-sensor", "merged" if better else "refused", other, evidence, CLEARLY, beside=group[0].effect)
+    log.add("second-sensor", "merged" if better else "refused", other, evidence, LEAST_EVIDENCE, beside=group[0].effect)
     return trial if better else model
 
 

@@ -21,7 +21,7 @@ from identification.diagnosis.search.criteria import heldout_rms, one_sensor
 from identification.diagnosis.search.forward_selection import forward_select
 from identification.diagnosis.search.model import EffectModel, log_evidence, replayed
 from identification.diagnosis.search.refinement import OWN, apart, distinct
-from identification.diagnosis.search.scoring import CLEARLY, NEAR, Step, choose
+from identification.diagnosis.search.scoring import CLEARLY, LEAST_EVIDENCE, NEAR, Step, choose
 from identification.diagnosis.search.shape_fit import optimise_shapes
 from identification.runtime.parallel import parallel_map
 from identification.runtime.progress import Progress, silent
@@ -94,7 +94,7 @@ def _alternatives(model: EffectModel, log: DecisionLog) -> Iterator[tuple[Step, 
     for main, *refinements in groups:
         others = [g[0] for g in groups if g[0] is not main]
         linear = model.without([main, *refinements])
-        least = main.marginal - max(CLEARLY, NEAR * main.marginal if refinements else 0.0)
+        least = main.marginal - max(LEAST_EVIDENCE, NEAR * main.marginal if refinements else 0.0)
         best: dict[str, Step] = {}  # of each name
         for step in sorted(main.alternatives, key=lambda a: -a.evidence):
             if not step.effect.empirical and step.effect.effect != main.effect.effect and step.evidence >= least:
@@ -116,7 +116,7 @@ def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog)
     """
     groups = model.findings
     for main, *more in groups:
-        if sum(s.evidence for s in more) < max(CLEARLY, SLIGHT * main.evidence):
+        if sum(s.evidence for s in more) < max(LEAST_EVIDENCE, SLIGHT * main.evidence):
             continue
         others = [g[0] for g in groups if g[0] is not main]
         likely = optimise_shapes(model.without(more), candidates, MOST_ALTERNATIVES_TRIED)
@@ -128,10 +128,10 @@ def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog)
         for steps in (elsewhere, named):
             able = (s for s in steps if _another_cause(main.effect, s.effect))
             second = replace(max(able, key=lambda s: s.evidence, default=main), parent=None)
-            if second.evidence < CLEARLY or second.effect.key in begun:
+            if second.evidence < LEAST_EVIDENCE or second.effect.key in begun:
                 continue
             begun.add(second.effect.key)
-            log.add("second-cause", "examined", second.effect, second.evidence, CLEARLY, beside=main.effect)
+            log.add("second-cause", "examined", second.effect, second.evidence, LEAST_EVIDENCE, beside=main.effect)
             first = _named(main, model.start, [*others, second], candidates) if main.effect.empirical else main
             yield [*others, first, second]
 

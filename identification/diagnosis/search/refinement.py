@@ -25,6 +25,7 @@ OVERTONES = (1, 2, 3, 5)  # steps have the odd ones
 SMOOTH = 8  # functions of one position
 CHANGES = 4  # of them, by which the size of a wave changes along the travel
 ALIKE = 0.6  # correlation beyond which a later effect is a further form of an earlier finding
+LEFT = 0.05  # of what a finding explains: no more is no other effect with its drivers at its place
 OWN = 0.3  # of what a finding explains: as much is no departure from its form
 DISTINCT = {"feed", "load", "point_x", "point_y", "point_z"}  # what follows them is no form of what does not
 DEPARTURES = {
@@ -199,11 +200,21 @@ def distinct(one: Effect, other: Effect) -> bool:
     )
 
 
-def is_departure(model: EffectModel, number: int, effect: Effect) -> bool:
-    """Whether a further effect explains less than `OWN` of a finding: it may be the finding's discrepancy."""
+def left_over(model: EffectModel, step: Step) -> int | None:
+    """The finding of whose place and drivers a further effect is, if it explains less than `LEFT` of it."""
+    for k, earlier in enumerate(model.steps):
+        one, other = earlier.effect, step.effect
+        near = one.where == other.where and base_channels(other) <= base_channels(one) | {one.where}
+        if earlier.parent is None and near and is_departure(model, k, other, LEFT):
+            return k
+    return None
+
+
+def is_departure(model: EffectModel, number: int, effect: Effect, share: float = OWN) -> bool:
+    """Whether a further effect explains less than `share` of a finding: it may be the finding's discrepancy."""
     group = [s for k, s in enumerate(model.steps) if number in (k, s.parent)]
     explained = model.without(group).square - model.linear.square
-    return model.linear.square - model.linear.square_with(effect) < OWN * explained
+    return model.linear.square - model.linear.square_with(effect) < share * explained
 
 
 def _is_surface(effect: Effect) -> bool:
