@@ -122,7 +122,7 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
             f"and reach {reach:.0f} mm; no sign, unit, exchange or shift of rows makes them fit"
         )
         raise InputError(_place(survey), found, "See that these commands were measured, with this machine and tool")
-    wild = far_rows(survey, rows, distance, FOREIGN * max(reach, 1.0))
+    wild = far_rows(survey, rows, distance, FOREIGN * max(reach, chain.size))
     repeats, scatter = _repeats(machine, survey, rows)
     sigma = [c for c in ("sigma_x", "sigma_y", "sigma_z") if c in survey.table]
     dwell = 1e3 * float(np.nanmedian(survey.table[sigma])) if sigma and averaged else np.nan

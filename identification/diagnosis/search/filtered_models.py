@@ -157,6 +157,7 @@ class FromProducts:
                 diagonal[:, own] += hold**2
                 along[:, own] += hold * tied[at : at + len(hold)]
                 at += len(hold)
+        diagonal[:, diagonal[0] <= 0] = 1.0  # a column of which the geometry leaves nothing: its coefficient is 0
         scale = np.sqrt(diagonal[0])
         for k in range(len(whole)):
             whole[k] /= scale[:, None] * scale
