@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 FEWEST_ROWS = 3  # from which the range of an error motion is judged; by judgement
 # Largest plausible error motions: a rolled screw of the coarsest class in use (ISO 3408-3, T7) is off by 52 um over
 # 300 mm, a steel scale grows by 0.12 mm/m in 10 K, guideways tilt by 0.2 mrad at worst; the belt of a printer that was
-# never calibrated is off by 3 mm/m. More than these are limits.
+# never calibrated is off by 3 mm/m. The limits are beyond all of these.
 RANGE_PER_MM = 5e-3  # largest range of a translation, mm per mm of travel
 RANGE_MM = 0.5  # and this much at least, mm
 RANGE_RAD = 1e-3  # largest range of a rotation, rad

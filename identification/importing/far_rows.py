@@ -7,10 +7,10 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
+from identification.importing.words import LISTED
 
 WILD = 15.0  # times the median distance: ten times what most points keep within; named as far from its command
 FEW = 0.1  # share of the rows that may be gross errors, by judgement: of more the commands were others
-LISTED = 8  # rows that a message names
 
 
 def far_rows(survey: Survey, rows: Index, distance: Array, foreign: float) -> Index:

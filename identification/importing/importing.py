@@ -123,9 +123,8 @@ def import_files(
     pairs = [pair(source, commanded, chain, wishes, seed) for source in points]
     aligned = [_places(source, own, commanded, chain) for source, own in zip(points, pairs, strict=True)]
     for source, (nominal, measured) in zip(points, aligned, strict=True):
-        if _on_travels(
-            commanded or source, machine
-        ):  # else the unit of the commands is wrong, as the survey's check says
+        # else the unit of the commands is wrong, as the survey's check says
+        if _on_travels(commanded or source, machine):
             refuse_unit(nominal, measured, source.raw.name, source.mm_a_unit)
         refuse_partial(nominal, measured, source.raw.name)
     readings = join_readings(single, commanded, chain, wishes)

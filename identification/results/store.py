@@ -28,10 +28,8 @@ from identification.results.correlations import correlations
 from identification.results.json_text import dumps
 from identification.results.results_folder import ResultsFolder, whole
 from identification.results.set_ups import set_ups
-from identification.results.stored_fit import SCHEMA, StoredFit, read_files
+from identification.results.stored_fit import SCHEMA, StoredFit, read_files, recorded
 from identification.uncertainty.further_poses import leverages
-from identification.uncertainty.measured_range import covered
-from identification.uncertainty.recording_end import history_of, runs_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -58,9 +56,7 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
         "n_parameters": len(fit.chain.machine_ids),
         "rank": s.groups.rank,
         "condition": s.groups.condition,
-        "covered": covered(fit.chain, fit.span),
-        "history": history_of(fit.chain, fit.span),
-        "runs": runs_of(fit.chain, fit.span),
+        **recorded(fit),
         "frame_mode": fit.survey.frame,
         **({"inches": True} if fit.chain.machine.inches else {}),
         "frame": [

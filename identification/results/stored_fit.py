@@ -56,6 +56,15 @@ class StoredFit:
         return self.covariance * self.coverage**2
 
 
+def recorded(fit: Fit) -> dict[str, Any]:
+    """What later predictions need to know of the recording: ranges, and the state in which it ended."""
+    return {
+        "covered": covered(fit.chain, fit.span),
+        "history": history_of(fit.chain, fit.span),
+        "runs": runs_of(fit.chain, fit.span),
+    }
+
+
 def stored(fit: Fit, groups: Sequence[Mapping[str, Any]]) -> StoredFit:
     """The fit with its `groups` (see `groups_of`) as its folder would give it; its data is what was recorded."""
     return StoredFit(
@@ -68,11 +77,7 @@ def stored(fit: Fit, groups: Sequence[Mapping[str, Any]]) -> StoredFit:
         frame_mode=fit.survey.frame,
         frames=fit.problem.frames,
         test_frames={t.path: t.frames for t in fit.tests},
-        data={
-            "covered": covered(fit.chain, fit.span),
-            "history": history_of(fit.chain, fit.span),
-            "runs": runs_of(fit.chain, fit.span),
-        },
+        data=recorded(fit),
         set_ups={v.id: v.value for v in set_ups(fit)},
         free_reference=bool(fit.problem.readings) and not fit.problem.frames and fit.survey.frame != "fixed",
         coverage=fit.coverage,

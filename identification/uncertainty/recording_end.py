@@ -90,11 +90,13 @@ def runs_of(chain: Chain, table: pd.DataFrame) -> list[str]:
 
 def in_last_run(chain: Chain, runs: Sequence[str], table: pd.DataFrame, columns: list[Array]) -> list[Array]:
     """The columns of later commands, of which rows of runs that were not recorded are as in the last recorded one."""
-    out, later = list(columns), _not_recorded(runs, table)
-    for number, name in enumerate(chain.channels):
-        if runs and _run_of(name):
-            out[number] = np.where(later, float(_run_of(name) == runs[-1]), columns[number])
-    return out
+    if not runs:
+        return columns
+    later = _not_recorded(runs, table)
+    return [
+        np.where(later, float(label == runs[-1]), column) if (label := _run_of(name)) else column
+        for name, column in zip(chain.channels, columns, strict=True)
+    ]
 
 
 def as_in_last_run(chain: Chain, runs: Sequence[str], table: pd.DataFrame) -> Iterator[str]:

@@ -103,10 +103,9 @@ def _names(linear: LinearModel, ranked: Sequence[Step], log: DecisionLog) -> lis
     near = [s for s in able if left[id(s)] > max(left.values()) - reach]
     log.set_aside("near-tie", able, near, lambda s: left[id(s)], max(left.values()) - reach, ranked[0].effect)
     least = near[0].evidence - CLEARLY
-    log.set_aside(
-        "near-tie", near, [s for s in near if s.evidence > least], lambda s: s.evidence, least, near[0].effect
-    )
-    first = sorted((s for s in near if s.evidence > least), key=lambda s: -left[id(s)])
+    kept = [s for s in near if s.evidence > least]
+    log.set_aside("near-tie", near, kept, lambda s: s.evidence, least, near[0].effect)
+    first = sorted(kept, key=lambda s: -left[id(s)])
     log.set_aside("most-evidence", first, first[:1], lambda s: left[id(s)], left[id(first[0])], first[0].effect)
     return [*first, *(s for s in ranked if s not in first)]
 
