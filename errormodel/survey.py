@@ -80,6 +80,8 @@ class Survey:
         The joint whose error motions the points stand for; empty where points were measured.
     observations : mapping
         Models of single readings by the names in the column ``observation``.
+    of_tool : frozenset of str
+        Files whose readings were along the axes of the tool; the table has them in those of the reference.
     """
 
     table: pd.DataFrame
@@ -94,6 +96,7 @@ class Survey:
     frame_rotation: tuple[float, float, float] | None = None
     record: RecordForm | None = None
     observations: Mapping[str, Observation] = field(default_factory=dict)
+    of_tool: frozenset[str] = frozenset()
 
     def __len__(self) -> int:
         return len(self.table)
@@ -175,6 +178,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
         document, machine, form.columns, [table for entry, tables in opened if not entry.format for table in tables]
     )
     notes: dict[str, None] = dict.fromkeys(form.all_notes() if measured else ())  # in order, and each once
+    of_tool = frozenset(entry.path for entry, _ in opened if entry.axes == "tool")
     parts: list[Part] = []
     forms = [_own_form(form, entry, tables[0]) for entry, tables in opened]
     plans = [
@@ -209,7 +213,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
         rotation = (x, y, z)
     return Survey(
         table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes), tuple(form.budget),
-        frame_rotation=rotation, record=form.test, observations=form.observations,
+        frame_rotation=rotation, record=form.test, observations=form.observations, of_tool=of_tool,
     )  # fmt: skip
 
 

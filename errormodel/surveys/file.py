@@ -86,6 +86,9 @@ class FileEntry(RawEntry):
     commands: RawEntry | None = Field(None, description="the file with the commands: a block as of a raw file")
     pairs: str = Field("", description="CSV of which rows were measured at which command: command, first, last")
     targets: dict[str, Vector3] = Field({}, description="functional point (mm) of each target, such as {A: [0, 0, 50]}")
+    axes: Literal["reference", "tool"] = Field(
+        "reference", description="of mx my mz: tool, of a nest in the spindle whose readings are along its own axes"
+    )
 
     @model_validator(mode="after")
     def _raw(self) -> FileEntry:

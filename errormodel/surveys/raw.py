@@ -37,6 +37,7 @@ from errormodel.surveys.columns import (
 )
 from errormodel.surveys.file import FileEntry, LogEntry, RawEntry, SurveyUnits
 from errormodel.surveys.pairs import PairTable, read_pairs
+from errormodel.surveys.tool_axes import in_reference
 from errormodel.units import UNIT_EXAMPLES, is_unit, to_internal
 
 if TYPE_CHECKING:
@@ -209,6 +210,8 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
         pairs.check_commands(len(commands.frame), entry.commands.path)
     read = [mapped(log, folder, machine) for log in logs]
     table, lines = joined(measured, commands, pairs, entry.targets, machine, entry.path)
+    if entry.axes == "tool":
+        table = in_reference(table, machine, entry.path)
     if entry.observation:
         table[OBSERVATION] = entry.observation
     for log, recording in zip(logs, read, strict=True):

@@ -34,6 +34,7 @@ def import_survey(
     at: Sequence[str] = (),
     dialect: str = "auto",
     observation: str | Mapping[str, object] = "",
+    axes: Literal["reference", "tool"] = "reference",
     dwells: bool = True,
     log_offset: float = 0.0,
     centre: Mapping[str, float] | None = None,
@@ -69,6 +70,9 @@ def import_survey(
     observation : str or dict
         What single readings (lengths, angles) are of: a type of ``observations:``, alone or with keys behind it
         (``"line-angle, axis: [0, 1, 0]"``).
+    axes : {"reference", "tool"}
+        Of ``mx my mz``: the machine's reference (the table's where the chain begins with it), or those of the last
+        frame, of a nest in the spindle that reads along its own.
     dwells : bool
         Whether dwells are looked for in a continuous log, and averaged.
     log_offset : float
@@ -108,7 +112,7 @@ def import_survey(
     wishes = Wishes(
         mapping(columns, "--columns"), mapping(command_columns, "--command-columns"), dict(units or {}),
         dict(command_units or {}), format, command_format, dates, joint, tuple(offsets), tuple(at), dialect, match,
-        dwells, log_offset, circle, observation_of(observation),
+        dwells, log_offset, circle, observation_of(observation), axes,
     )  # fmt: skip
     with progress("Reading and joining"):
         command_file = None if commands is None else Path(commands)

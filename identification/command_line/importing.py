@@ -60,6 +60,13 @@ if TYPE_CHECKING:
     metavar="TYPE[, KEY: VALUE, ...]",
     help="What single readings of RAW are, in one line as in survey.yaml: its type, and 'axis: [0, 1, 0]' or the like.",
 )
+@click.option(
+    "--axes",
+    type=click.Choice(["reference", "tool"]),
+    default="reference",
+    show_default=True,
+    help="Of mx my mz: tool, of a nest in the spindle that reads along its own axes.",
+)
 @click.option("--no-dwells", is_flag=True, help="Every row is a reading: no dwells are looked for.")
 @click.option("--log-offset", type=float, default=0.0, help="Seconds to add to the times of a temperature log.")
 @click.option("--centre", multiple=True, metavar="JOINT=..,...", help="Of a ballbar's circle: X=0,Y=0,Z=300 (mm, deg).")
@@ -84,6 +91,7 @@ def import_(
     offsets: tuple[str, ...],
     after: tuple[str, ...],
     observation: str,
+    axes: Literal["reference", "tool"],
     no_dwells: bool,
     log_offset: float,
     centre: tuple[str, ...],
@@ -104,7 +112,7 @@ def import_(
         units=_pairs(units, "--units"), command_columns=command_columns,
         command_units=_pairs(command_units, "--command-units"), format=form, command_format=command_format,
         dates=dates or "", joint=joint, offsets=offsets, at=after, dialect=dialect, observation=observation,
-        dwells=not no_dwells, log_offset=log_offset, centre=_positions(centre), plane=plane, radius=radius,
+        axes=axes, dwells=not no_dwells, log_offset=log_offset, centre=_positions(centre), plane=plane, radius=radius,
         start=start, seed=seed, progress=working,
     )  # fmt: skip
     show_notes(result.notes)

@@ -40,7 +40,7 @@ LEAST_NOISE_RATIO = 1e-4
 ILL_CONDITIONED = 1e4  # condition number above which normal equations keep fewer than eight digits
 MOST_PASSES = 30  # streams through the data
 MOST_RETREATS = 6  # restarts with a tighter prior after divergence
-RUNAWAY_ERROR_SHARE = 0.003  # prior std of error motions over the machine's size, after divergence; by judgement
+IMPLAUSIBLE_SHARE = 0.003  # of the machine's size: no machine has rigid error motions beyond it; by judgement
 LINEAR_SHARE = 0.1  # movement of the tip over the machine's size up to which M hardly changes; by judgement
 
 
@@ -201,7 +201,7 @@ class Solver:
                 break
             # the step along a weakly observable direction left the linear range: error motions get a prior of
             # physical size, which is tightened at each restart
-            within = min(0.3 * within, RUNAWAY_ERROR_SHARE)
+            within = min(0.3 * within, IMPLAUSIBLE_SHARE)
             self.precision = beforehand + whole / within**2
             self.taken = np.zeros(len(self.unknowns))
             self.update_noise(start, groups)
@@ -265,16 +265,20 @@ class Solver:
     def floors(self, sums: dict[Kind, Sums]) -> Floors:
         """Thresholds of the rank by the noise: least singular value and least norm of a column.
 
-        A direction is dropped if its standard uncertainty exceeds a tenth of the machine's size. A column is dropped if
-        one millimetre of it (at the end of the travel, with the longest lever) stays below the noise and less than a
-        thousandth of it is observed: unmeasured motions show only through the tilt of the frame.
+        A direction is dropped if its standard uncertainty exceeds any plausible error: a share of the machine's size,
+        or what its points lie off the nominal machine if that is more. A column is dropped if one millimetre of it (at
+        the end of the travel, with the longest lever) stays below the noise and less than a thousandth of it is
+        observed: unmeasured motions show only through the tilt of the frame.
         """
         views = [v for v in self.views if v.of_tool and not v.turns and sums[v.kind].count]
         if not views:
             return Floors()
+        weight = sum(map(weight_of, views))
+        off = float(np.sqrt(sum(sums[kind].square for kind in {v.kind for v in views}) / weight))
         # standard uncertainty, mm, of a common shift of all rows
         shift = float(self.each * sum(weight_of(v) / self.sigma[v.kind] ** 2 for v in views)) ** -0.5
-        return Floors(direction=shift / (LINEAR_SHARE * self.chain.size), lever=min(1e-3, shift))
+        plausible = max(IMPLAUSIBLE_SHARE * self.chain.size, off)
+        return Floors(direction=shift / plausible, lever=min(1e-3, shift))
 
     def of_its_size(self, full: Array) -> Array:
         """Precision (unknowns,) of rigid error motions whose prior moves the tip by the machine's size.

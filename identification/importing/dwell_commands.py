@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from errormodel.nominal import Nominal
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.machine import Machine
 from identification.importing.dwells import Dwells, find_dwells
-from identification.importing.geometry import Nominal
 from identification.importing.matching import DENSE, Matched
 from identification.importing.sources import SourceFile
 from identification.importing.words import LISTED, counted, row_ranges

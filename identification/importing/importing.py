@@ -17,13 +17,13 @@ from errormodel.files import write_bytes_atomic
 from errormodel.inputs import running
 from errormodel.machine import Machine
 from errormodel.serial_chain import ONLY_SERIAL
+from errormodel.nominal import Nominal
 from errormodel.survey import Survey, read_survey
 from errormodel.surveys.file import SURVEY_FILE
 from errormodel.surveys.pairs import PairTable
 from errormodel.surveys.plausibility import near_travel
 from identification.importing.clock_jumps import refuse_backwards, unordered_times
 from identification.importing.exchanged_rows import CURE as FOUND_CURE
-from identification.importing.geometry import Nominal
 from identification.importing.near_causes import other_cause
 from identification.importing.nearest import find_pairing
 from identification.importing.other_orders import CURE
@@ -304,6 +304,8 @@ def _files(
             files[name] = PairTable(name, own.command, own.first, own.last, own.start, own.run).text().encode()
         if own.targets:
             entry["targets"] = {name: list(place) for name, place in own.targets.items()}
+        if number <= len(points) and wishes.axes == "tool":
+            entry["axes"] = wishes.axes
         if id(source) in labels:
             entry["observation"] = labels[id(source)]
         entries.append(entry)

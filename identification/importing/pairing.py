@@ -12,7 +12,8 @@ from errormodel.exceptions import InputError
 from errormodel.surveys.columns import MEASURED
 from identification.importing.dwell_commands import ONE_PLACE, dwells_of, left_moving, rests_of
 from identification.importing.dwells import Dwells
-from identification.importing.geometry import Nominal, fitted_targets, turns_tool
+from errormodel.nominal import Nominal
+from identification.importing.geometry import fitted_targets, turns_tool
 from identification.importing.matching import NAMED, Matched, by_name, by_order, by_time, common_names
 from identification.importing.near_causes import refuse_cause
 from identification.importing.nearest import find_pairing

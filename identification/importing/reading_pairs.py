@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from errormodel.nominal import Nominal
 from errormodel.arrays import Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
@@ -21,7 +22,6 @@ from errormodel.surveys.columns import OBSERVATION
 from errormodel.yamlfile import parse, validate
 from identification.importing.dwell_commands import at_rows, dwells_of_logs, left_moving, rests_of, suspects
 from identification.importing.dwells import Dwells, find_dwells
-from identification.importing.geometry import Nominal
 from identification.importing.matching import NAMED, Matched, by_name, by_time, common_names
 from identification.importing.pairing import Pairs, left_over, reading_notes, rest_notes, row_by_row
 from identification.importing.reading_gaps import with_gaps

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from errormodel.nominal import Nominal
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.observation_kernel import ObservationKernels, kernels_of
 from errormodel.observations.base import Observation, StepError
 from errormodel.surveys.columns import first_pose
-from identification.importing.geometry import Nominal
 from identification.importing.partial import BETTER, FEWEST, FOREIGN, SHIFTS, UNITS
 from identification.importing.sources import SourceFile
 from identification.observation.frames import MACHINE_ERROR_SHARE

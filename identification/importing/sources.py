@@ -47,6 +47,7 @@ class Wishes:
     log_offset : s to add to the times of a log.
     circle : the circle that was commanded, of traces without coordinates.
     observation : what single readings (lengths, angles) are of; None: there are none.
+    axes : of measured coordinates: "reference", or "tool" of a nest in the spindle.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -65,6 +66,7 @@ class Wishes:
     log_offset: float = 0.0
     circle: CommandedCircle | None = None
     observation: Observation | None = None
+    axes: Literal["reference", "tool"] = "reference"
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,8 @@ def _unused(
         yield "--columns", f"none of the files has a column of {names}", "Write names as they stand in a file"
     if wishes.log_offset and not any(s.what == "log" for s in sources):
         yield "--log-offset", "none of the files is a log on a clock of its own", out
+    if wishes.axes == "tool" and not any(s.what == "points" for s in sources):
+        yield "--axes", "none of the files has measured coordinates", out
     if commanded is None:
         for option, said in (
             ("--command-columns", wishes.command_columns), ("--command-units", wishes.command_units),
