@@ -37,6 +37,7 @@ from errormodel.surveys.columns import (
 )
 from errormodel.surveys.file import FileEntry, LogEntry, RawEntry, SurveyUnits
 from errormodel.surveys.pairs import PairTable, read_pairs
+from errormodel.surveys.side_by_side import one_below_the_other, reading_of
 from errormodel.surveys.tool_axes import in_reference
 from errormodel.units import UNIT_EXAMPLES, is_unit, to_internal
 
@@ -142,13 +143,17 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
     told = "length" in entry.units or {*MEASURED} <= {*entry.units}
     notes = tuple(note for note in recording.notes if not (told and note.startswith(UNSTATED)))
     kept = {n: _usual(n, machine) for n in stated}
-    return replace(recording, frame=pd.DataFrame(columns), units=kept, notes=notes, read_as=read_as)
+    try:
+        frame, lines = one_below_the_other(pd.DataFrame(columns), recording.lines)
+    except ValueError as error:
+        raise InputError(f"{entry.path}, columns", str(error), "Write length:A=.., length:B=..") from error
+    return replace(recording, frame=frame, lines=lines, units=kept, notes=notes, read_as=read_as)
 
 
 def _is_coordinate(name: str, machine: Machine) -> bool:
     """Whether a column is one of those that a unit for all coordinates of a file is meant for."""
     joint = any(name.removeprefix(READ_BACK) in j.columns for j in machine.joints if j.type == "prismatic")
-    return joint or name in (*MEASURED, *SIGMA_COLUMNS, *TOOL_COLUMNS, "sigma", "length")
+    return joint or _plain(name) in (*MEASURED, *SIGMA_COLUMNS, *TOOL_COLUMNS, "sigma", "length")
 
 
 def _said(name: str, units: Mapping[str, str]) -> str:
@@ -156,15 +161,20 @@ def _said(name: str, units: Mapping[str, str]) -> str:
     return units.get(name, "") if name == "time" or name.startswith("T_") else ""
 
 
+def _plain(name: str) -> str:
+    """The column of a survey that a column of a raw file is one of: `X` of ``read_X``, ``length`` of ``length:A``."""
+    return reading_of(name.removeprefix(READ_BACK))[0]
+
+
 def _usual(name: str, machine: Machine) -> str:
-    quantity = quantity_of(name.removeprefix(READ_BACK), machine)
-    return "" if quantity is None else unit_of_column(name.removeprefix(READ_BACK), quantity, SurveyUnits())
+    quantity = quantity_of(_plain(name), machine)
+    return "" if quantity is None else unit_of_column(_plain(name), quantity, SurveyUnits())
 
 
 def is_column(name: str, machine: Machine) -> bool:
     """Whether a column of a raw file may have this name."""
     joint = name.removeprefix(READ_BACK) in [n for j in machine.joints for n in j.columns]
-    return name in LABELS or joint or is_survey_column(name, machine)
+    return name in LABELS or joint or is_survey_column(reading_of(name)[0], machine)
 
 
 def _check_units(entry: RawEntry, columns: Mapping[str, Any]) -> None:
@@ -175,19 +185,19 @@ def _check_units(entry: RawEntry, columns: Mapping[str, Any]) -> None:
 
 def _unit_read(entry: RawEntry, machine: Machine, name: str, stated: str) -> str:
     """The unit as which a column is read: said of it, stated in the file, said of its kind, or the usual one."""
-    quantity = quantity_of(name.removeprefix(READ_BACK), machine) or ""
+    quantity = quantity_of(_plain(name), machine) or ""
     kind = entry.units.get(quantity, "") if not stated and name not in entry.units else ""
     return unit_word(entry.units.get(name, stated or kind or _usual(name, machine)))
 
 
 def _converted(entry: RawEntry, machine: Machine, name: str, column: Any, unit: str) -> Any:
     """A column in `unit` in the unit that a survey's table has by default."""
-    quantity = quantity_of(name.removeprefix(READ_BACK), machine)
+    quantity = quantity_of(_plain(name), machine)
     if name.startswith("dir_") and column.dtype.kind != "f":
         return sides(column, lambda row: f"{entry.path}, row {row + 1}, column {name}")
     if quantity is None or column.dtype.kind != "f":
         return column
-    usual = unit_of_column(name.removeprefix(READ_BACK), quantity, SurveyUnits())
+    usual = unit_of_column(_plain(name), quantity, SurveyUnits())
     if not is_unit(unit, quantity):
         where = f"{entry.path}, column {name}"
         cure = f"Say it with units: {{{name}: ..}}, a unit of {quantity}, such as {UNIT_EXAMPLES[quantity]}"

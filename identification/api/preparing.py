@@ -33,7 +33,7 @@ def import_survey(
     offsets: Sequence[str] = (),
     at: Sequence[str] = (),
     dialect: str = "auto",
-    observation: str | Mapping[str, object] = "",
+    observation: str | Mapping[str, object] | Sequence[str | Mapping[str, object]] = "",
     axes: Literal["reference", "tool"] = "reference",
     dwells: bool = True,
     log_offset: float = 0.0,
@@ -67,9 +67,10 @@ def import_survey(
     joint : str
         The joint that a file of readings of one joint is about.
     offsets, at, dialect : of an NC programme, as for `compensate`.
-    observation : str or dict
+    observation : str, dict or list of these
         What single readings (lengths, angles) are of: a type of ``observations:``, alone or with keys behind it
-        (``"line-angle, axis: [0, 1, 0]"``).
+        (``"line-angle, axis: [0, 1, 0]"``); of one file or label, with it before ``=``
+        (``"A=station-distance, near: [0, 0, 500]"``).
     axes : {"reference", "tool"}
         Of ``mx my mz``: the machine's reference (the table's where the chain begins with it), or those of the last
         frame, of a nest in the spindle that reads along its own.
@@ -98,7 +99,7 @@ def import_survey(
         A file cannot be read, or what was measured does not follow the commands: then it says what fits instead.
     """
     from identification.importing.importing import import_files
-    from identification.importing.reading_pairs import observation_of
+    from identification.importing.reading_pairs import observations_of
     from identification.importing.sources import Wishes, circle_of, parse_columns
     from identification.results.import_result import ImportResult
 
@@ -112,7 +113,7 @@ def import_survey(
     wishes = Wishes(
         mapping(columns, "--columns"), mapping(command_columns, "--command-columns"), dict(units or {}),
         dict(command_units or {}), format, command_format, dates, joint, tuple(offsets), tuple(at), dialect, match,
-        dwells, log_offset, circle, observation_of(observation), axes,
+        dwells, log_offset, circle, observations_of(observation), axes,
     )  # fmt: skip
     with progress("Reading and joining"):
         command_file = None if commands is None else Path(commands)

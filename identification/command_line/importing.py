@@ -56,9 +56,10 @@ if TYPE_CHECKING:
 @click.option("--at", "after", multiple=True, help="Where axes stand in a programme: start=X0,Y0 or G28=Z0 (mm, deg).")
 @click.option(
     "--observation",
-    default="",
-    metavar="TYPE[, KEY: VALUE, ...]",
-    help="What single readings of RAW are, in one line as in survey.yaml: its type, and 'axis: [0, 1, 0]' or the like.",
+    multiple=True,
+    metavar="[LABEL=]TYPE[, KEY: VALUE, ...]",
+    help="What single readings of RAW are, in one line as in survey.yaml: its type, and 'axis: [0, 1, 0]' or the like; "
+    "of one file or column with its name before: 'A=station-distance, near: [0, 0, 500]'.",
 )
 @click.option(
     "--axes",
@@ -90,7 +91,7 @@ def import_(
     dialect: str,
     offsets: tuple[str, ...],
     after: tuple[str, ...],
-    observation: str,
+    observation: tuple[str, ...],
     axes: Literal["reference", "tool"],
     no_dwells: bool,
     log_offset: float,

@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from errormodel.nominal import Nominal
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.machine import Machine
+from errormodel.nominal import Nominal
 from identification.importing.dwells import Dwells, find_dwells
 from identification.importing.matching import DENSE, Matched
 from identification.importing.sources import SourceFile

@@ -16,8 +16,8 @@ from errormodel.exceptions import InputError
 from errormodel.files import write_bytes_atomic
 from errormodel.inputs import running
 from errormodel.machine import Machine
-from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.nominal import Nominal
+from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.survey import Survey, read_survey
 from errormodel.surveys.file import SURVEY_FILE
 from errormodel.surveys.pairs import PairTable

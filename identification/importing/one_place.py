@@ -2,8 +2,8 @@
 
 All commands take the functional point to one place, so that every order, sign and hand of the points fits the nominal
 machine alike. Errors that the machine declares make a pattern over the poses; the readings are fitted to it (linear
-least squares) as they stand, shifted by rows, with columns turned or exchanged, and along the axes of the tool. All signs turned at once make the
-pattern of all errors turned, and can never be known.
+least squares) as they stand, shifted by rows, with columns turned or exchanged, and along other axes. All signs turned
+at once make the pattern of all errors turned, and can never be known.
 """
 
 from __future__ import annotations
@@ -69,11 +69,11 @@ class OnePlace:
         else:
             said = "too few for a fit of the declared errors to say more"
         return (
-            f"all commands take the functional point to one place: the points prove neither the order of the rows nor "
+            "all commands take the functional point to one place: the points prove neither the order of the rows nor "
             f"signs, hand or axes; {said}. Whether all signs are turned cannot be known: they are read as the place of "
-            f"the functional point (the tool), positive where it stands too far along an axis, along {AXES[self.axes]}. "
-            f"If they are of the workpiece beside the tool, give mx=-.., my=-.., mz=-.. in --columns; if they are along "
-            f"{AXES[OTHER[self.axes]]}, --axes {OTHER[self.axes]}"
+            "the functional point (the tool), positive where it stands too far along an axis, along "
+            f"{AXES[self.axes]}. If they are of the workpiece beside the tool, give mx=-.., my=-.., mz=-.. in "
+            f"--columns; if they are along {AXES[OTHER[self.axes]]}, --axes {OTHER[self.axes]}"
         )
 
 

@@ -9,10 +9,10 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
+from errormodel.nominal import Nominal
 from errormodel.surveys.columns import MEASURED
 from identification.importing.dwell_commands import ONE_PLACE, dwells_of, left_moving, rests_of
 from identification.importing.dwells import Dwells
-from errormodel.nominal import Nominal
 from identification.importing.geometry import fitted_targets, turns_tool
 from identification.importing.matching import NAMED, Matched, by_name, by_order, by_time, common_names
 from identification.importing.near_causes import refuse_cause

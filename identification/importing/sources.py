@@ -24,7 +24,15 @@ from errormodel.surveys.columns import MEASURED, quantity_of
 from errormodel.surveys.file import RawEntry
 from errormodel.surveys.raw import LABELS, LEFT_OUT, READ_BACK, is_column, read_raw, with_map
 from errormodel.units import factor, is_unit
-from identification.importing.roles import Kind, commands_by_place, nominal_and_actual, reading_roles, roles, unused
+from identification.importing.roles import (
+    Kind,
+    commands_by_place,
+    counts,
+    nominal_and_actual,
+    reading_roles,
+    roles,
+    unused,
+)
 
 SHOWN = 6  # words of a format for its columns, in a message
 FOLDER = "raw"  # of a survey, for the files as they came
@@ -46,7 +54,7 @@ class Wishes:
     dwell : whether dwells are looked for in a continuous log.
     log_offset : s to add to the times of a log.
     circle : the circle that was commanded, of traces without coordinates.
-    observation : what single readings (lengths, angles) are of; None: there are none.
+    observations : what single readings (lengths, angles) are of, by the label of their entry; under "" all others.
     axes : of measured coordinates: "reference", or "tool" of a nest in the spindle.
     """
 
@@ -65,8 +73,27 @@ class Wishes:
     dwell: bool = True
     log_offset: float = 0.0
     circle: CommandedCircle | None = None
-    observation: Observation | None = None
+    observations: Mapping[str, Observation] = field(default_factory=dict)
     axes: Literal["reference", "tool"] = "reference"
+
+    @property
+    def observation(self) -> Observation | None:
+        """One of the observations, which are all of one type; None: there are no single readings."""
+        return next(iter(self.observations.values()), None)
+
+    def observation_of(self, label: str) -> Observation:
+        """What readings with a label are of.
+
+        Raises
+        ------
+        InputError
+            Observations are named, and none for this label or all others.
+        """
+        found = self.observations.get(label, self.observations.get(""))
+        if found is None:
+            said = next(iter(self.observations.values())).type
+            raise InputError("--observation", f"nothing of '{label}'", f"Add --observation {said} for all others")
+        return found
 
 
 @dataclass(frozen=True)
@@ -334,7 +361,12 @@ def _what(path: Path, recording: Recording, machine: Machine, kind: Kind, single
     found = f"no measured coordinates among its columns {', '.join(names[:12])}{' ...' if len(names) > 12 else ''}"
     if single is not None:
         found = f"no column of a single {single.reading} among {', '.join(names[:12])}"
-        raise InputError(str(path), found, f"Say which it is: --columns {single.reading}=..")
+        beside = [n for n in names if not is_column(n, machine) and frame[n].dtype.kind == "f" and not counts(frame[n])]
+        cure = f"Say which it is: --columns {single.reading}=.."
+        if len(beside) > 1:
+            named = ",".join(f"{single.reading}:{'AB'[k]}={name}" for k, name in enumerate(beside[:2]))
+            cure += f"; of several instruments side by side --columns '{named}' and so on, the label of each before ="
+        raise InputError(str(path), found, cure)
     first = next((n for n in names if frame[n].dtype.kind == "f"), names[0])
     others = "; ".join(
         f"of {form.title} by {', '.join(form.columns[:SHOWN])}{' ...' if len(form.columns) > SHOWN else ''}"

@@ -12,8 +12,8 @@ import pytest
 
 from errormodel import InputError, read_machine, read_survey, simulate
 from errormodel.chain import Chain
-from identification.importing.check import check_survey
 from errormodel.nominal import Nominal
+from identification.importing.check import check_survey
 from tests.helpers.commands import done, run
 
 FORK = """errormodel: 1
