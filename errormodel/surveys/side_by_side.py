@@ -39,5 +39,5 @@ def one_below_the_other(frame: pd.DataFrame, lines: tuple[int, ...]) -> tuple[pd
     if twice or len(own) > 1:
         raise ValueError(f"{' and '.join((*beside, *twice))}: name readings of one kind, each with its own label")
     rest = frame.drop(columns=[*beside])
-    parts = [rest.assign(**{c: frame[n], OBSERVATION: label}) for n, (c, label) in beside.items()]
+    parts = [rest.assign(**{c: frame[n]}).assign(**{OBSERVATION: label}) for n, (c, label) in beside.items()]
     return pd.concat(parts, ignore_index=True), lines * len(parts)
