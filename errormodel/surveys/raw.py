@@ -59,6 +59,7 @@ class RawTable(FrameTable):
     notes: tuple[str, ...] = ()  # on how the raw files were read
     units: Mapping[str, str] = field(default_factory=dict)  # of columns whose unit was stated, as they now are
     read_as: Mapping[str, ReadAs] = field(default_factory=dict)  # of lengths and error motions
+    scatter: bool = False  # standard uncertainties are only the scatter of the readings of which rows are means
 
     def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
         frame, notes = super().read(numbers, texts)
@@ -232,7 +233,10 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
     own = as_table(table, measured.dated, entry.path, lines, machine)
     read_as = {} if commands is None else {n: r._replace(option="--command-units") for n, r in commands.read_as.items()}
     read_as |= measured.read_as
-    return replace(own, notes=notes, units=units, read_as={n: r for n, r in read_as.items() if n in table})
+    read_as = {n: r for n, r in read_as.items() if n in table}
+    sigmas = {"sigma", *SIGMA_COLUMNS, *READING_UNCERTAINTIES}
+    scatter = bool(sigmas & {*table}) and not sigmas & {*measured.frame}
+    return replace(own, notes=notes, units=units, read_as=read_as, scatter=scatter)
 
 
 def joined(
