@@ -66,6 +66,9 @@ class RawEntry(FileModel):
     offsets: list[str] = Field([], description='of a programme, as --offset of compensate, such as ["G54=X0,Y0,Z300"]')
     at: list[str] = Field([], description='of a programme, as --at of compensate, such as ["start=X0,Y0,Z0"]')
     dialect: str = Field("auto", description="of a programme, as --dialect: auto, iso, fanuc, fanuc-calculator ...")
+    sheet: str = Field(
+        "", description="of a workbook: the sheet that is read; left out: the first that is no cover sheet"
+    )
     circle: CommandedCircle | None = Field(
         None, description="of a trace of a bar's length over its angle: the circle that was commanded"
     )

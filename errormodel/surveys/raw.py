@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from errormodel.arrays import Array, Index
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.formats.data_frame import FrameTable
@@ -27,7 +26,6 @@ from errormodel.surveys.columns import (
     OBSERVATION,
     ORIENTATION,
     READING_UNCERTAINTIES,
-    READINGS,
     SIGMA_COLUMNS,
     TOOL_COLUMNS,
     first_pose,
@@ -36,6 +34,7 @@ from errormodel.surveys.columns import (
     unit_of_column,
 )
 from errormodel.surveys.file import FileEntry, LogEntry, RawEntry, SurveyUnits
+from errormodel.surveys.means import averaged
 from errormodel.surveys.pairs import PairTable, read_pairs
 from errormodel.surveys.side_by_side import one_below_the_other, reading_of
 from errormodel.surveys.tool_axes import in_reference
@@ -48,7 +47,6 @@ LABELS = ("point", "target", "station", "group")  # columns of text that only an
 UNSTATED = "no unit"  # begins the note of a format on what it takes for granted where a file states none
 LEFT_OUT = "-"  # in place of a column's own name: it is not read
 READ_BACK = "read_"  # before a joint: the position that the controller read back
-FEW_READINGS = 10  # readings at a place: the scatter of fewer is too uncertain to stand alone
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ def read_raw(raw: RawFile, entry: RawEntry, machine: Machine) -> Recording:
     form = format_of(raw, entry.format)
     asked = Asked(
         machine, entry.dates, entry.joint, tuple(entry.offsets), tuple(entry.at), entry.dialect, entry.circle,
-        {word: unit for word, unit in entry.units.items() if word in form.columns},
+        {word: unit for word, unit in entry.units.items() if word in form.columns}, entry.sheet,
     )  # fmt: skip
     return form.opened(called(raw, form, entry.columns), asked)
 
@@ -137,6 +135,11 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
         columns[name] = _converted(entry, machine, name, column, unit)
         if unit and column.dtype.kind == "f":
             read_as[name] = ReadAs(name, unit)
+    if entry.joint and "joint" not in columns and {*columns} & {*MOTIONS} and len(recording.frame):
+        if entry.joint not in columns:
+            cure = f"Say which column it is: --columns {entry.joint}=.. (columns: of the map)"
+            raise InputError(entry.path, f"error motions of {entry.joint}, and no column of its position", cure)
+        columns["joint"] = pd.Series([entry.joint] * len(recording.frame))
     _check_units(entry, columns)
     read_as |= recording.read_as
     own_words: dict[str, str] = {n: asked[r.word] for n, r in read_as.items() if r.word in asked and n in MOTIONS}
@@ -201,7 +204,8 @@ def _converted(entry: RawEntry, machine: Machine, name: str, column: Any, unit: 
     usual = unit_of_column(_plain(name), quantity, SurveyUnits())
     if not is_unit(unit, quantity):
         where = f"{entry.path}, column {name}"
-        cure = f"Say it with units: {{{name}: ..}}, a unit of {quantity}, such as {UNIT_EXAMPLES[quantity]}"
+        such = 'arcsec, if " are seconds of arc' if (quantity, unit) == ("angle", "inch") else UNIT_EXAMPLES[quantity]
+        cure = f"Say it with --units {name}=.. (units: of the map), a unit of {quantity}, such as {such}"
         raise InputError(where, f"the unit '{unit}'", cure)
     if unit == usual:
         return column
@@ -289,62 +293,6 @@ def joined(
     if "station" in frame and frame["station"].nunique() > 1:
         frame["run"] = frame["station"]
     return frame, lines
-
-
-def averaged(frame: pd.DataFrame, first: Index, last: Index) -> pd.DataFrame:
-    """Means of rows `first` to `last` (from 0); the scatter of positions becomes their standard uncertainty.
-
-    It is the standard deviation of a reading, not of their mean: what is slower than a dwell (air, the instrument's own
-    drift) does not average out in it. Of fewer than `FEW_READINGS` it is that of all poses together.
-    """
-    import pandas as pd
-
-    if (first == last).all():
-        return frame.iloc[first].reset_index(drop=True)
-    out: dict[str, Any] = {}
-    for name in frame:
-        column = frame[name]
-        if column.dtype.kind == "f" and name not in ORIENTATION:
-            values = column.to_numpy(dtype=np.float64)
-            out[str(name)] = np.array([_mean(values[a : b + 1]) for a, b in zip(first, last, strict=True)])
-        else:
-            out[str(name)] = column.iloc[first].reset_index(drop=True)
-    if ORIENTATION[0] in frame:
-        turned = [
-            _mean_rotation(frame[list(ORIENTATION)].to_numpy()[a : b + 1]) for a, b in zip(first, last, strict=True)
-        ]
-        out |= dict(zip(ORIENTATION, np.array(turned).T, strict=True))
-    for name, sigma in zip((*MEASURED, *READINGS), (*SIGMA_COLUMNS, *READING_UNCERTAINTIES), strict=True):
-        if name not in frame:
-            continue
-        values = frame[name].to_numpy(dtype=np.float64)
-        parts = [values[a : b + 1] for a, b in zip(first, last, strict=True)]
-        stated = np.asarray(out[sigma], dtype=np.float64) if sigma in out else np.zeros(len(parts))
-        found = np.hypot(np.nan_to_num(stated), scatter(parts))
-        if (found > 0).any():  # readings that repeat to the last digit have the scatter of the best others
-            out[sigma] = np.where(found > 0, found, found[found > 0].min())
-    return pd.DataFrame(out)
-
-
-def _mean(values: Array) -> float:
-    finite = values[np.isfinite(values)]
-    return float(finite.mean()) if len(finite) else float("nan")
-
-
-def _mean_rotation(vectors: Array) -> Array:
-    from scipy.spatial.transform import Rotation
-
-    whole = vectors[np.isfinite(vectors).all(axis=1)]
-    return Rotation.from_rotvec(whole).mean().as_rotvec() if len(whole) else np.full(3, np.nan)
-
-
-def scatter(parts: Sequence[Array]) -> Array:
-    """Standard deviation of a reading in each part (a list of readings), (n,)."""
-    parts = [p[np.isfinite(p)] for p in parts]
-    free = np.array([max(len(p) - 1, 0) for p in parts])
-    squares = np.array([float(np.sum((p - p.mean()) ** 2)) if len(p) else 0.0 for p in parts])
-    pooled = float(np.sqrt(squares.sum() / max(free.sum(), 1)))
-    return np.where(free >= FEW_READINGS - 1, np.sqrt(squares / np.maximum(free, 1)), pooled)
 
 
 def _with_tools(frame: pd.DataFrame, targets: Mapping[str, Sequence[float]], name: str) -> pd.DataFrame:

@@ -28,6 +28,7 @@ def import_survey(
     command_units: Mapping[str, str] | None = None,
     format: str = "",  # noqa: A002  the word of survey.yaml
     command_format: str = "",
+    sheet: str = "",
     dates: Literal["", "day-first", "month-first"] = "",
     joint: str = "",
     offsets: Sequence[str] = (),
@@ -62,6 +63,8 @@ def import_survey(
         Units by kind or by our column, where the file does not state them.
     format, command_format : str
         Raw formats; empty: recognised by their content.
+    sheet : str
+        Of a workbook that has it; empty: the first that is no cover sheet.
     dates : {"", "day-first", "month-first"}
         Where a file does not show the order of day and month.
     joint : str
@@ -113,7 +116,7 @@ def import_survey(
     wishes = Wishes(
         mapping(columns, "--columns"), mapping(command_columns, "--command-columns"), dict(units or {}),
         dict(command_units or {}), format, command_format, dates, joint, tuple(offsets), tuple(at), dialect, match,
-        dwells, log_offset, circle, observations_of(observation), axes,
+        dwells, log_offset, circle, observations_of(observation), axes, sheet,
     )  # fmt: skip
     with progress("Reading and joining"):
         command_file = None if commands is None else Path(commands)

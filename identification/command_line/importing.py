@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 @click.option("--command-units", multiple=True, metavar="COLUMN=UNIT,...", help="The same of --commands.")
 @click.option("--format", "form", default="", help="Raw format of RAW. [default: recognised]")
 @click.option("--command-format", default="", help="Raw format of --commands. [default: recognised]")
+@click.option("--sheet", default="", help="Of a workbook. [default: the first that is no cover sheet]")
 @click.option("--dates", type=click.Choice(["day-first", "month-first"]), help="Where a file does not show it.")
 @click.option("--joint", default="", help="Joint of a file of readings of one joint.")
 @click.option(
@@ -86,6 +87,7 @@ def import_(
     command_units: tuple[str, ...],
     form: str,
     command_format: str,
+    sheet: str,
     dates: Literal["day-first", "month-first"] | None,
     joint: str,
     dialect: str,
@@ -112,9 +114,9 @@ def import_(
         raw, read_model(machine), commands=commands, match=match, columns=columns,
         units=_pairs(units, "--units"), command_columns=command_columns,
         command_units=_pairs(command_units, "--command-units"), format=form, command_format=command_format,
-        dates=dates or "", joint=joint, offsets=offsets, at=after, dialect=dialect, observation=observation,
-        axes=axes, dwells=not no_dwells, log_offset=log_offset, centre=_positions(centre), plane=plane, radius=radius,
-        start=start, seed=seed, progress=working,
+        sheet=sheet, dates=dates or "", joint=joint, offsets=offsets, at=after, dialect=dialect,
+        observation=observation, axes=axes, dwells=not no_dwells, log_offset=log_offset, centre=_positions(centre),
+        plane=plane, radius=radius, start=start, seed=seed, progress=working,
     )  # fmt: skip
     show_notes(result.notes)
     result.save(out)

@@ -21,7 +21,7 @@ from identification.estimation.noise import Noise
 from identification.estimation.outliers import Outlier, Sorting
 from identification.estimation.readings import Readings
 from identification.observation.assembly import Problem
-from identification.observation.models import PositionView, View
+from identification.observation.models import Kind, PositionView, View
 from identification.observation.normal_equations import view_vector
 from identification.observation.pose import Pose
 

@@ -23,6 +23,7 @@ from errormodel.surveys.file import SURVEY_FILE
 from errormodel.surveys.pairs import PairTable
 from errormodel.surveys.plausibility import near_travel
 from identification.importing.clock_jumps import refuse_backwards, unordered_times
+from identification.importing.end_points import computed_notes
 from identification.importing.exchanged_rows import CURE as FOUND_CURE
 from identification.importing.near_causes import other_cause
 from identification.importing.nearest import find_pairing
@@ -151,9 +152,10 @@ def import_files(
         warnings.append(proof.one_place.text)
     if warning := ball_notes(traces)[1]:
         warnings.append(warning)
+    places = set_ups(chain, survey, readings)
+    warnings += computed_notes(survey, places.lengths)
     if warnings:
         survey, files = _with_notes(warnings, survey, files)
-    places = set_ups(chain, survey, readings)
     everything = (
         *points, *single, *motions, *(t.source for t in traces), *logs, *([commanded] if commanded else []),
     )  # fmt: skip

@@ -6,7 +6,7 @@ The names are those that laboratories use. What is found is written into ``surve
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from errormodel.machine import Machine
@@ -105,6 +105,7 @@ _LABELS = {
     "load": r"load|payload",
     "sigma": r"sigma|std|uncertainty|u",
 }
+_POSITION = r"(target|nominal|soll|ziel|axis|achs)?(pos(ition|itionen)?)|target|nominal|soll(wert)?|consigne|posizione"
 _LETTERS = "XYZUVWABC"  # of joints, in the order of a programme
 _READING = (
     r"(meas(ured)?|raw|ist)?(length|distance|dist|range|displacement|deviation|reading|value|l(ae|\u00e4)nge|abstand|"
@@ -216,6 +217,12 @@ def counts(column: pd.Series[Any]) -> bool:
     values = column.to_numpy(dtype=float)
     steps = values[1:] - values[:-1]
     return len(values) > 1 and bool(((steps == 1) | (steps < 0)).all()) and bool((values == values.round()).all())
+
+
+def position_column(names: Sequence[str]) -> str:
+    """The column of a joint's position in a table of its error motions; empty where none or several may be it."""
+    own = [n for n in names if re.fullmatch(_POSITION, _bare(n))]
+    return own[0] if len(own) == 1 else ""
 
 
 def commands_by_place(recording: Recording, machine: Machine, named: bool) -> dict[str, str]:

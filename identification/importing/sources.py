@@ -24,11 +24,13 @@ from errormodel.surveys.columns import MEASURED, quantity_of
 from errormodel.surveys.file import RawEntry
 from errormodel.surveys.raw import LABELS, LEFT_OUT, READ_BACK, is_column, read_raw, with_map
 from errormodel.units import factor, is_unit
+from identification.importing.end_points import calibrated, end_points
 from identification.importing.roles import (
     Kind,
     commands_by_place,
     counts,
     nominal_and_actual,
+    position_column,
     reading_roles,
     roles,
     unused,
@@ -55,6 +57,7 @@ class Wishes:
     log_offset : s to add to the times of a log.
     circle : the circle that was commanded, of traces without coordinates.
     observations : what single readings (lengths, angles) are of, by the label of their entry; under "" all others.
+    sheet : of workbooks that have it.
     axes : of measured coordinates: "reference", or "tool" of a nest in the spindle.
     """
 
@@ -75,6 +78,7 @@ class Wishes:
     circle: CommandedCircle | None = None
     observations: Mapping[str, Observation] = field(default_factory=dict)
     axes: Literal["reference", "tool"] = "reference"
+    sheet: str = ""
 
     @property
     def observation(self) -> Observation | None:
@@ -222,22 +226,31 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes, severa
     words = {ours: _placed(path, theirs, [*table.names] if table else []) for ours, theirs in words.items()}
     plain = RawEntry(
         path=str(path), format=form.name, columns=words, units=dict(units), dates=wishes.dates, joint=wishes.joint,
-        offsets=list(wishes.offsets), at=list(wishes.at), dialect=wishes.dialect,
+        offsets=list(wishes.offsets), at=list(wishes.at), dialect=wishes.dialect, sheet=wishes.sheet,
         circle=None if of_commands else wishes.circle,
     )  # fmt: skip
     recording = read_raw(raw, plain, machine)
     if not recording.trace:
         plain = plain.model_copy(update={"circle": None})
+    has_sheet = any(n.startswith(f"sheet {wishes.sheet} of") for n in recording.notes)
+    if wishes.sheet and not has_sheet:
+        plain = plain.model_copy(update={"sheet": ""})
     names = [str(n) for n in recording.frame]
     if several and not any(theirs.startswith("#") or theirs.removeprefix("-") in names for theirs in given.values()):
         alone = {*names, *roles(recording, machine, kind, {})}
         if "time" in alone and not alone & {*MEASURED, *(n for j in machine.joints for n in j.columns)}:
             given = {}  # a log beside the measured file
     own = {ours: _placed(path, theirs, names) for ours, theirs in given.items()}
+    if wishes.joint and {*own} & {*MOTIONS} and wishes.joint not in own and (place := position_column(names)):
+        own[wishes.joint] = place
     if of_commands and form.bare and not own and not any(j.name in names for j in machine.joints):
         own = commands_by_place(recording, machine, table is None or table.named)
-    found = roles(recording, machine, kind, own)
     single = None if of_commands or recording.trace else wishes.observation
+    if single is not None and single.poses > 1:
+        own = {**end_points(names, machine), **own} if kind == "whole" else own
+        if single.reading not in own and (bar := calibrated([n for n in names if n not in own.values()])):
+            own[single.reading] = bar
+    found = roles(recording, machine, kind, own)
     if single is not None:
         found = reading_roles(recording, machine, found, single.reading)
     entry = plain.model_copy(
@@ -259,6 +272,8 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes, severa
     uses = {*form.uses, *(f"unit {u}" for u in units if u in form.columns or _has_unit(u, entry, recording, machine))}
     uses |= {word for word, own in (("circle", bool(recording.trace)), ("dates", recording.dated)) if own}
     uses |= {"columns"} if given or words else set()
+    uses |= {"joint"} if what == "motions" and entry.joint else set()
+    uses -= set() if has_sheet else {"sheet"}
     left = tuple(unused(recording, found, machine))
     return SourceFile(raw, entry, mapped, form.title, what, left, frozenset(uses))
 
@@ -358,6 +373,7 @@ def _what(path: Path, recording: Recording, machine: Machine, kind: Kind, single
         raise InputError(
             str(path), "commands, and nothing measured", "Give it as --commands, and the measured file first"
         )
+    sheets = next((f"; this is {n}" for n in recording.notes if n.startswith("sheet ")), "")
     found = f"no measured coordinates among its columns {', '.join(names[:12])}{' ...' if len(names) > 12 else ''}"
     if single is not None:
         found = f"no column of a single {single.reading} among {', '.join(names[:12])}"
@@ -374,4 +390,6 @@ def _what(path: Path, recording: Recording, machine: Machine, kind: Kind, single
         if form.columns
     )
     cure = f"Say which they are: --columns mx={first},my=..,mz=..; {others}"
-    raise InputError(str(path), found, f"{cure}; of single readings --observation, one of {', '.join(registry())}")
+    raise InputError(
+        str(path), found, f"{cure}{sheets}; of single readings --observation, one of {', '.join(registry())}"
+    )

@@ -29,6 +29,7 @@ def _unused(
         ("joint", "--joint", wishes.joint, "is a table of readings of one joint"),
         ("circle", "--centre", wishes.circle is not None, "is a trace of a ballbar over its angle"),
         ("dates", "--dates", wishes.dates, "has dates"),
+        ("sheet", "--sheet", wishes.sheet, "is a workbook with such a sheet"),
     ):
         if given and word not in uses:
             yield option, f"none of the files {what}", out
