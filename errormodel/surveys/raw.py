@@ -326,7 +326,7 @@ def with_log(table: pd.DataFrame, dated: bool, recording: Recording, log: LogEnt
             raise InputError(of, "no time, by which a log is joined", "Say columns: {time: ..}, or leave the log out")
     if dated != recording.dated and not log.offset:
         found = f"{log.path if recording.dated else name} has dates, {name if recording.dated else log.path} seconds"
-        raise InputError(log.path, found, "Say what to add to its times: offset: (s) in survey.yaml, or --log-offset")
+        raise InputError(log.path, found, _add(table["time"], recording.frame["time"]))
     when = table["time"].to_numpy(dtype=np.float64)
     clock = recording.frame["time"].to_numpy(dtype=np.float64) + log.offset
     channels = [str(c) for c in recording.frame if str(c).startswith(("T_", "w_")) or c in ("feed", "load")]
@@ -336,7 +336,7 @@ def with_log(table: pd.DataFrame, dated: bool, recording: Recording, log: LogEnt
     if not inside.any():
         found = f"it runs from {_moment(np.nanmin(clock), dated)} to {_moment(np.nanmax(clock), dated)}, "
         found += f"the measurements from {_moment(np.nanmin(when), dated)} to {_moment(np.nanmax(when), dated)}"
-        raise InputError(log.path, found, "Say what to add to its times: offset: (s) in survey.yaml, or --log-offset")
+        raise InputError(log.path, found, _add(table["time"], recording.frame["time"]))
     out = table.copy()
     for channel in channels:
         values = recording.frame[channel].to_numpy(dtype=np.float64)
@@ -347,8 +347,17 @@ def with_log(table: pd.DataFrame, dated: bool, recording: Recording, log: LogEnt
     return out
 
 
+def _add(when: pd.Series[Any], clock: pd.Series[Any]) -> str:
+    """What to write so that the times of a log are those of the measurements."""
+    together = float(np.nanmin(when) - np.nanmin(clock))
+    return (
+        "Say what to add to its times: offset: (s) in survey.yaml, or --log-offset; "
+        f"{together:.10g} lays its first row on the first measurement"
+    )
+
+
 def _moment(seconds: float, dated: bool) -> str:
-    return str(np.datetime64(round(seconds), "s")) if dated else f"{seconds:g} s"
+    return str(np.datetime64(round(seconds), "s")) if dated else f"{seconds:.10g} s"
 
 
 def as_table(frame: pd.DataFrame, dated: bool, name: str, lines: tuple[int, ...], machine: Machine) -> RawTable:

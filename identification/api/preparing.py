@@ -36,6 +36,7 @@ def import_survey(
     dialect: str = "auto",
     observation: str | Mapping[str, object] | Sequence[str | Mapping[str, object]] = "",
     axes: Literal["reference", "tool"] = "reference",
+    leave_out: Sequence[str] = (),
     dwells: bool = True,
     log_offset: float = 0.0,
     centre: Mapping[str, float] | None = None,
@@ -77,6 +78,8 @@ def import_survey(
     axes : {"reference", "tool"}
         Of ``mx my mz``: the machine's reference (the table's where the chain begins with it), or those of the last
         frame, of a nest in the spindle that reads along its own.
+    leave_out : list of str
+        Rows of raw files that count for nothing: ``"27,41-45"``, of one of several files ``"tracker.csv:27"``.
     dwells : bool
         Whether dwells are looked for in a continuous log, and averaged.
     log_offset : float
@@ -102,6 +105,7 @@ def import_survey(
         A file cannot be read, or what was measured does not follow the commands: then it says what fits instead.
     """
     from identification.importing.importing import import_files
+    from identification.importing.leaving_out import rows_of
     from identification.importing.reading_pairs import observations_of
     from identification.importing.sources import Wishes, circle_of, parse_columns
     from identification.results.import_result import ImportResult
@@ -117,6 +121,7 @@ def import_survey(
         mapping(columns, "--columns"), mapping(command_columns, "--command-columns"), dict(units or {}),
         dict(command_units or {}), format, command_format, dates, joint, tuple(offsets), tuple(at), dialect, match,
         dwells, log_offset, circle, observations_of(observation), axes, sheet,
+        rows_of(leave_out),
     )  # fmt: skip
     with progress("Reading and joining"):
         command_file = None if commands is None else Path(commands)

@@ -38,6 +38,7 @@ from identification.runtime.blas import one_blas_thread
 # so much that the others were ignored; by judgement
 LEAST_NOISE_RATIO = 1e-4
 ILL_CONDITIONED = 1e4  # condition number above which normal equations keep fewer than eight digits
+WELL_CONDITIONED = 1e5  # condition number up to which normal equations give a residual to six digits
 MOST_PASSES = 30  # streams through the data
 MOST_RETREATS = 6  # restarts with a tighter prior after divergence
 IMPLAUSIBLE_SHARE = 0.003  # of the machine's size: no machine has rigid error motions beyond it; by judgement
@@ -182,7 +183,9 @@ class Solver:
         if self.missed(groups, start):
             seen = self.observed(thorough=True)
             groups = find_groups(*seen, least=least)
-        self.update_noise(start, groups)
+        # normal equations do not give the residual of nearly dependent columns: the noise would come out as nothing
+        sound = groups if groups.condition < WELL_CONDITIONED else find_groups(*seen, least=1 / WELL_CONDITIONED)
+        self.update_noise(start, sound)
         floors = self.floors(start)
         beforehand, whole, within = self.precision, self.of_its_size(seen[2]), np.inf
         for _ in range(MOST_RETREATS):

@@ -25,6 +25,7 @@ from errormodel.surveys.plausibility import near_travel
 from identification.importing.clock_jumps import refuse_backwards, unordered_times
 from identification.importing.end_points import computed_notes
 from identification.importing.exchanged_rows import CURE as FOUND_CURE
+from identification.importing.leaving_out import without_rows
 from identification.importing.near_causes import other_cause
 from identification.importing.nearest import find_pairing
 from identification.importing.other_orders import CURE
@@ -106,6 +107,7 @@ def import_files(
     kind: Kind = "whole" if commanded is None else "measured"
     sources = [open_source(path, machine, kind, wishes, len(raws) > 1) for path in raws]
     refuse_unused(wishes, sources, commanded)
+    sources = without_rows(sources, wishes.leave_out)
     chain = Chain(machine)
     points = [s for s in sources if s.what == "points"]
     motions = [s for s in sources if s.what == "motions"]

@@ -29,6 +29,7 @@ from identification.observation.models import PositionView
 FEWEST = 8  # rows, to fit anything
 BESIDE = 2.0  # readings a determined group of parameters: fewer let any order fit; by judgement
 CLEAR = 3.0  # times the residual as they stand: what fits so much worse is excluded; so much better, the truth
+BETTER = 1.5  # times the residual as they stand: what fits so much better is said
 MOST_SHIFTED = 10  # rows
 RANK = 1e-3  # of the largest singular value, columns of equal norm: beyond it errors were a thousand times what is seen
 ROUNDS = 4  # of a fit without rows far off
@@ -78,7 +79,7 @@ class OnePlace:
 
 
 def _beside(words: str, other: float, own: float) -> str:
-    doubt = "" if other > CLEAR * own else ", which excludes nothing" if other > own else ", which fits better"
+    doubt = "" if other > CLEAR * own else ", which fits better" if BETTER * other < own else ", which excludes nothing"
     return f", {words} {other:.3g} um at least{doubt}"
 
 

@@ -58,6 +58,7 @@ class Wishes:
     circle : the circle that was commanded, of traces without coordinates.
     observations : what single readings (lengths, angles) are of, by the label of their entry; under "" all others.
     sheet : of workbooks that have it.
+    leave_out : rows that count for nothing, from 1, by the name of their file; under "" those of the only one.
     axes : of measured coordinates: "reference", or "tool" of a nest in the spindle.
     """
 
@@ -79,6 +80,7 @@ class Wishes:
     observations: Mapping[str, Observation] = field(default_factory=dict)
     axes: Literal["reference", "tool"] = "reference"
     sheet: str = ""
+    leave_out: Mapping[str, Sequence[int]] = field(default_factory=dict)
 
     @property
     def observation(self) -> Observation | None:
