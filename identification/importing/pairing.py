@@ -123,7 +123,9 @@ def pair(source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: 
         found = _match(source, commands, chain, nominal, middle, first, last, points, wishes, seed, rests)
         if dwells is not None and found.offset is not None:
             path = nominal.points(np.asarray(chain.machine.tool))
-            found, more = left_moving(found, path, commands.column("time"), source.column("time"), dwells)
+            found, more = left_moving(
+                found, path, commands.column("time"), source.column("time"), dwells, source.raw.name
+            )
             notes += more
         if rests is not None and not np.isin(found.command[found.command >= 0], rests).all():
             rests = None

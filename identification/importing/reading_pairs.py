@@ -210,7 +210,9 @@ def _part(
     if found is not None and found.offset is not None and dwells is not None:
         path = Nominal(chain, commands.recording.frame).points(np.asarray(chain.machine.tool))
         timed = Matched(found.command, found.how, found.offset)
-        timed, more = left_moving(timed, path, commands.column("time"), source.column("time")[rows], dwells)
+        timed, more = left_moving(
+            timed, path, commands.column("time"), source.column("time")[rows], dwells, source.raw.name
+        )
         found = replace(found, command=timed.command)
         notes += more
     if found is not None:
