@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     multiple=True,
     metavar="[LABEL=]TYPE[, KEY: VALUE, ...]",
     help="What single readings of RAW are, in one line as in survey.yaml: its type, and 'axis: [0, 1, 0]' or the like; "
-    "of one file or column with its name before: 'A=station-distance, near: [0, 0, 500]'.",
+    "of one file or column with its name before: 'A=TYPE, near: [0, 0, 500]'.",
 )
 @click.option(
     "--axes",

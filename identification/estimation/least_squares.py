@@ -176,14 +176,13 @@ class Solver:
     def run(self) -> Solution:
         start = self.pass_(np.zeros(len(self.unknowns)), None, gram=True)
         seen = self.observed(thorough=False)
-        # normal equations of positions need well-separated columns; for readings a triangular factor is used, down to
-        # a smaller threshold
+        # normal equations of positions need well-separated columns; readings have a triangular factor
         least = DEPENDENCE_TOLERANCE if self.of_tool else 1e-5 * DEPENDENCE_TOLERANCE
         groups = find_groups(*seen, least=least)
         if self.missed(groups, start):
             seen = self.observed(thorough=True)
             groups = find_groups(*seen, least=least)
-        # normal equations do not give the residual of nearly dependent columns: the noise would come out as nothing
+        # of nearly dependent columns normal equations give no residual: the noise would come out as nothing
         sound = groups if groups.condition < WELL_CONDITIONED else find_groups(*seen, least=1 / WELL_CONDITIONED)
         self.update_noise(start, sound)
         floors = self.floors(start)
@@ -276,9 +275,8 @@ class Solver:
         views = [v for v in self.views if v.of_tool and not v.turns and sums[v.kind].count]
         if not views:
             return Floors()
-        weight = sum(map(weight_of, views))
-        off = float(np.sqrt(sum(sums[kind].square for kind in {v.kind for v in views}) / weight))
-        # standard uncertainty, mm, of a common shift of all rows
+        off = float(np.sqrt(sum(sums[k].square for k in {v.kind for v in views}) / sum(map(weight_of, views))))
+        # of a common shift of all rows, mm
         shift = float(self.each * sum(weight_of(v) / self.sigma[v.kind] ** 2 for v in views)) ** -0.5
         plausible = max(IMPLAUSIBLE_SHARE * self.chain.size, off)
         return Floors(direction=shift / plausible, lever=min(1e-3, shift))
@@ -391,8 +389,8 @@ class Solver:
                 if inverse is not None:
                     used = float(np.sum(inverse * own.gram[pick])) / self.sigma[kind] ** 2
                 free = own.count - used
-                floor = 1e-30 * max(own.square, 1e-30)
-                self.sigma[kind] = float(np.sqrt(max(square, floor) / max(free, 1e-3)))
+                square = max(square, 1e-30 * max(own.square, 1e-30))
+                self.sigma[kind] = float(np.sqrt(square / max(free, 1e-3)))
             # noise-free angles beside noisy positions would make the normal equations singular
             turning = {v.kind for v in self.views if v.turns}
             reach = {kind: self.chain.size if kind in turning else 1.0 for kind in open_kinds}

@@ -55,7 +55,7 @@ def observations_of(said: str | Mapping[str, object] | Sequence[str | Mapping[st
         if not own:
             continue
         if label in out:
-            raise InputError(OPTION, f"{label or 'one for all'} twice", "Write each once, such as A=station-distance")
+            raise InputError(OPTION, f"{label or 'one for all'} twice", "Write each label once, such as A=TYPE")
         out[label] = _observation(own)
     types = {o.type for o in out.values()}
     if len(types) > 1:
