@@ -38,7 +38,7 @@ from identification.runtime.blas import one_blas_thread
 # so much that the others were ignored; by judgement
 LEAST_NOISE_RATIO = 1e-4
 ILL_CONDITIONED = 1e4  # condition number above which normal equations keep fewer than eight digits
-WELL_CONDITIONED = 1e5  # condition number up to which normal equations give a residual to six digits
+WELL_CONDITIONED = 1e5  # the same, up to which they give a residual to six digits
 MOST_PASSES = 30  # streams through the data
 MOST_RETREATS = 6  # restarts with a tighter prior after divergence
 IMPLAUSIBLE_SHARE = 0.003  # of the machine's size: no machine has rigid error motions beyond it; by judgement
@@ -176,8 +176,8 @@ class Solver:
     def run(self) -> Solution:
         start = self.pass_(np.zeros(len(self.unknowns)), None, gram=True)
         seen = self.observed(thorough=False)
-        # normal equations of positions need well-separated columns; readings have a triangular factor
-        least = DEPENDENCE_TOLERANCE if self.of_tool else 1e-5 * DEPENDENCE_TOLERANCE
+        # positions need well-separated columns for normal equations; readings have a triangular factor
+        least = (1.0 if self.of_tool else 1e-5) * DEPENDENCE_TOLERANCE
         groups = find_groups(*seen, least=least)
         if self.missed(groups, start):
             seen = self.observed(thorough=True)
@@ -191,8 +191,8 @@ class Solver:
             if not (floors.direction < groups.margin.direction and floors.lever < groups.margin.lever):
                 groups = find_groups(*seen, floors, least)
             # a factor is of the linear model; steps of normal equations that lost digits come again until none is left
-            bad = groups.condition > 1 / DEPENDENCE_TOLERANCE
-            solve = self.by_factor if bad and not self.of_tool else self.iterate
+            bad = groups.condition > 1 / DEPENDENCE_TOLERANCE and not self.of_tool
+            solve = self.by_factor if bad else self.iterate
             values, sums, passes, converged = solve(groups, start)
             reach = (np.sqrt(whole) * np.abs(values)).max(initial=0.0)  # of error motions at the tip
             if (
@@ -272,8 +272,7 @@ class Solver:
         the end of the travel, with the longest lever) stays below the noise and less than a thousandth of it is
         observed: unmeasured motions show only through the tilt of the frame.
         """
-        views = [v for v in self.views if v.of_tool and not v.turns and sums[v.kind].count]
-        if not views:
+        if not (views := [v for v in self.views if v.of_tool and not v.turns and sums[v.kind].count]):
             return Floors()
         off = float(np.sqrt(sum(sums[k].square for k in {v.kind for v in views}) / sum(map(weight_of, views))))
         # of a common shift of all rows, mm
