@@ -25,7 +25,11 @@ REMARK = re.compile(rf"({NUMBER.pattern})\s+(?:#|//|%).*")  # a comment behind t
 # what instruments write in the cell of a reading that failed, and spreadsheets in one that has no value
 FAILED = frozenset((
     "lost", "invalid", "error", "err", "fail", "failed", "missing", "nodata", "no data", "not measured", "out of range",
-    "ung\u00fcltig", "fehler", "#value!", "#div/0!", "#num!", "#ref!", "#wert!",
+    "no target", "beam lost", "beam broken", "beam break", "broken", "interrupted", "n/v",
+    "ung\u00fcltig", "fehler", "verloren", "unterbrochen", "strahl unterbrochen", "kein ziel",
+    "perso", "persa", "interrotto", "non valido", "perdu", "interrompu", "invalide",
+    "perdido", "interrumpido", "no v\u00e1lido",
+    "#value!", "#div/0!", "#num!", "#ref!", "#wert!",
 ))  # fmt: skip
 BRACKETS = {"[": "]", "(": ")"}  # around the cells of a line
 RULE = re.compile(r"[-=_*+|:.~]{2,}|[-+|]")  # a cell of a line that is drawn below the names

@@ -9,6 +9,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 
+MOSTLY = 0.5  # of the steps under a word, less those the other way: so many go its way
 _PLUS = frozenset((
     "+", "+1", "1", "1.0", "forward", "forwards", "fwd", "positive", "pos", "up", "f", "\u2191", "\u2192", "plus",
     "vor", "vorw\u00e4rts", "vorwaerts", "vw", "v", "hin", "aller", "andata", "auf", "aufw\u00e4rts", "aufwaerts",
@@ -40,6 +41,23 @@ def side_of(word: str) -> float | None:
     """1 or -1 as in `sides`; None for a word that says neither."""
     word = word.strip().lower()
     return 1.0 if word in _PLUS else -1.0 if word in _MINUS else None
+
+
+def by_way(cells: Iterable[object], position: Array) -> Array | None:
+    """1 or -1 as in `sides` of two words of any kind (``CW``, ``CCW``): which way the positions go under each.
+
+    None where there are not two words, or a word goes both ways.
+    """
+    words = np.array([str(c).strip().lower() for c in cells])
+    steps, alike = np.sign(np.diff(position)), words[1:] == words[:-1]
+    found: dict[str, float] = {}
+    for word in dict.fromkeys(words.tolist()):
+        own = steps[alike & (words[1:] == word) & (steps != 0)]
+        # between two runs of one word the way back is a single step
+        if len(own) == 0 or abs(own.sum()) < MOSTLY * len(own):
+            return None
+        found[word] = float(np.sign(own.sum()))
+    return np.array([found[w] for w in words]) if sorted(found.values()) == [-1.0, 1.0] else None
 
 
 def sides(cells: Iterable[object], where: Callable[[int], str]) -> Array:

@@ -11,7 +11,7 @@ from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS, unit_of
 from errormodel.exceptions import InputError
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, ReadAs, Recording
-from errormodel.raw_formats.direction_words import sides
+from errormodel.raw_formats.direction_words import by_way, side_of, sides
 from errormodel.raw_formats.positioning import axis_above, joint_for, motion_rows, other_axis
 from errormodel.raw_formats.table_columns import columns_of, numbers
 from errormodel.raw_formats.unit_words import unit_word
@@ -115,11 +115,18 @@ class PositioningTest(RawFormat):
         if joint.type == "prismatic":
             off = to_internal(reading, own, quantity)
             _refuse_far(to_internal(target, unit, quantity), off, table.lines, raw.name, found)
-        side = np.full(len(frame), np.nan)
+        side, turned = np.full(len(frame), np.nan), ""
         if "side" in found:
             name = found["side"]
-            side = sides(frame[name], lambda row: f"{raw.name}, line {table.lines[row]}, column {name}")
-        notes = [f"readings of {joint.name} along its axis", *other_axis(joint, asked, hint)]
+            words = [*frame[name]]
+            found_side = None if all(side_of(str(w)) for w in words) else by_way(words, target)
+            if found_side is None:
+                found_side = sides(words, lambda row: f"{raw.name}, line {table.lines[row]}, column {name}")
+            else:
+                rising = next(w for w, s in zip(words, found_side, strict=True) if s > 0)
+                turned = f"{name}: '{rising}' taken as +, from smaller positions, as its targets go"
+            side = found_side
+        notes = [f"readings of {joint.name} along its axis", *other_axis(joint, asked, hint), *filter(None, [turned])]
         run = ["1"] * len(frame)
         if "cycle" in found:
             run = [f"{c:g}" if isinstance(c, float) else str(c) for c in frame[found["cycle"]]]

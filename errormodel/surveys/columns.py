@@ -253,6 +253,12 @@ def is_survey_column(name: str, machine: Machine) -> bool:
 def _notes(unused: list[str], ours: Mapping[str, str], machine: Machine) -> Iterable[str]:
     plain = []
     for name in unused:
+        if name.casefold() in ("target", "reflector"):
+            yield (
+                f"column '{name}' is not used: the point is the tool of machine.yaml. Of a reflector give its place in "
+                "tool_x tool_y tool_z (targets: of the survey that was fitted)"
+            )
+            continue
         near = _near(name, machine)
         if near == _SOME_DIRECTION:
             joints = ", ".join(machine_columns(machine))

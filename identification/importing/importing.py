@@ -23,6 +23,7 @@ from errormodel.surveys.file import SURVEY_FILE
 from errormodel.surveys.pairs import PairTable
 from errormodel.surveys.plausibility import near_travel
 from identification.importing.clock_jumps import refuse_backwards, unordered_times
+from identification.importing.copies import copy_notes
 from identification.importing.end_points import computed_notes
 from identification.importing.exchanged_rows import CURE as FOUND_CURE
 from identification.importing.leaving_out import without_rows
@@ -45,6 +46,7 @@ OTHER_COMMANDS = (
 )
 Both: TypeAlias = tuple[Array, Array]  # nominal and measured points
 
+UNEVEN = 3.0  # times: so much more often is no reflector measured than another
 MOST_TARGETS, FEWEST_OF_TARGET = 8, 4  # words of a column that may name reflectors, and rows of each; by judgement
 ON_TRAVEL = 0.5  # of the commands: with fewer on the travels their unit is doubted, and not that of the measurements
 SAME_FRAME = 3.0  # times the misfit of the better file alone: so far may two files in one frame be off; by judgement
@@ -150,12 +152,10 @@ def import_files(
         proof = with_other_order(machine, survey, proof)
         if proof.other is not None and wishes.match != "order":  # who says the order has confirmed it
             warnings.append(f"{proof.other.text}. {CURE}")
-    if proof.one_place is not None:
-        warnings.append(proof.one_place.text)
-    if warning := ball_notes(traces)[1]:
-        warnings.append(warning)
+    warnings += [text for text in (proof.too_good, proof.one_place and proof.one_place.note) if text]
+    warnings += [text for text in (ball_notes(traces)[1], *(t.copied for t in traces)) if text]
     places = set_ups(chain, survey, readings)
-    warnings += computed_notes(survey, places.lengths)
+    warnings += [*computed_notes(survey, places.lengths), *copy_notes(survey)]
     if warnings:
         survey, files = _with_notes(warnings, survey, files)
     everything = (
@@ -253,7 +253,9 @@ def _other_targets(points: Sequence[SourceFile]) -> str:
         for name in source.left if "target" not in frame else ():
             column = frame.get(name)
             words = [] if column is None or column.dtype.kind == "f" else sorted({*column.astype(str)} - {"", "nan"})
-            if 1 < len(words) <= MOST_TARGETS and len(words) <= source.rows / FEWEST_OF_TARGET:
+            counts = [int((column.astype(str) == word).sum()) for word in words] if column is not None else []
+            even = bool(counts) and min(counts) >= max(counts) / UNEVEN  # of a word of state one is rare
+            if even and 1 < len(words) <= MOST_TARGETS and len(words) <= source.rows / FEWEST_OF_TARGET:
                 shown = ", ".join(words[:3])
                 return f". If the column {name} ({shown}) names the reflectors, say --columns target={name}"
     return ""

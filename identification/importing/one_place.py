@@ -29,7 +29,7 @@ from identification.observation.models import PositionView
 FEWEST = 8  # rows, to fit anything
 BESIDE = 2.0  # readings a determined group of parameters: fewer let any order fit; by judgement
 CLEAR = 3.0  # times the residual as they stand: what fits so much worse is excluded; so much better, the truth
-BETTER = 1.5  # times the residual as they stand: what fits so much better is said
+BETTER = 1.2  # times the residual as they stand: what fits so much better is said
 MOST_SHIFTED = 10  # rows
 RANK = 1e-3  # of the largest singular value, columns of equal norm: beyond it errors were a thousand times what is seen
 ROUNDS = 4  # of a fit without rows far off
@@ -55,8 +55,29 @@ class OnePlace:
     left_um: float
     shifted_um: float
     turned_um: float
+    turned: str = ""  # these columns
     other_axes_um: float = np.inf  # where the tool turns against the reference
     axes: Axes = "reference"  # as they stand
+
+    @property
+    def better(self) -> list[str]:
+        """What fits clearly better than the readings as they stand."""
+        tried = (
+            (f"columns turned or exchanged: {self.turned}", self.turned_um), ("rows shifted", self.shifted_um),
+            (f"along {AXES[OTHER[self.axes]]}: --axes {OTHER[self.axes]}", self.other_axes_um),
+        )  # fmt: skip
+        return [f"{words} ({um:.3g} um)" for words, um in tried if BETTER * um < self.left_um]
+
+    @property
+    def note(self) -> str:
+        """What every command repeats."""
+        text = (
+            "all commands take the functional point to one place: order, signs, hand and axes of its readings are not "
+            f"proved; they are read along {AXES[self.axes]}, positive where the tool stands too far"
+        )
+        if not self.better:
+            return text
+        return f"{text}. FITS BETTER than as they stand ({self.left_um:.3g} um): {'; '.join(self.better)}"
 
     @property
     def text(self) -> str:
@@ -64,7 +85,7 @@ class OnePlace:
         if np.isfinite(self.left_um):
             said = f"a fit of the declared errors leaves {self.left_um:.3g} um as they stand"
             said += _beside("shifted by rows", self.shifted_um, self.left_um)
-            said += _beside("with one column's sign turned or two exchanged", self.turned_um, self.left_um)
+            said += _beside(f"with columns turned or exchanged ({self.turned})", self.turned_um, self.left_um)
             if np.isfinite(self.other_axes_um):
                 said += _beside(f"along {AXES[OTHER[self.axes]]}", self.other_axes_um, self.left_um)
         else:
@@ -153,7 +174,7 @@ def _proved(chain: Chain, whole: PositionView, rows: Index, survey: Survey, unkn
     at = Points(_predicted(design, gap(seen)) + nominal, gap(seen) + nominal, fixed=True)
     if text := places_changed(at, [int(k) for k in survey.table["row"].iloc[rows]], np.inf):
         raise InputError(file, f"{text}, in a fit of the declared errors", CURE)
-    return OnePlace(1e3 * left, 1e3 * shifted, 1e3 * turned, 1e3 * other, axes)
+    return OnePlace(1e3 * left, 1e3 * shifted, 1e3 * turned, columns, 1e3 * other, axes)
 
 
 def _along_other_axes(chain: Chain, survey: Survey, rows: Index, measured: Array, axes: Axes) -> Array:

@@ -34,6 +34,7 @@ UNIT_FACTORS = {1.0: "mm", 25.4: "inch", 1e3: "m", 1e-3: "um", 10.0: "cm"}  # mm
 FEWEST_OF_UNIT = 4  # points, for their unit to be judged
 LEAST_SPREAD = 1e-6  # mm: commands at one place
 DEGREES = "multiplied by 57.29"  # of joints in a message: degrees a radian
+TOO_GOOD_UM = 0.2  # rms of points over a machine's travels: less is below what instruments resolve; by judgement
 BETTER = 10.0  # times nearer, with one sign turned
 MIRROR_CURE = (
     "One coordinate has the other sign, or two are exchanged (a left-handed frame), in the measurements or in the "
@@ -81,6 +82,16 @@ class Proof:
     steps: tuple[Step | RepeatShift, ...] = ()
     other: OtherOrder | None = None
     one_place: OnePlace | None = None
+
+    @property
+    def too_good(self) -> str:
+        """That no machine lies so near to its commands; empty where it may."""
+        if len(self.rows) < FEWEST or not 0 < self.rms_um < TOO_GOOD_UM:
+            return ""
+        return (
+            f"measured points that lie {self.rms_um:.2g} um rms from the nominal machine: none is so good. Look for a "
+            "unit that is a thousand times too small, or for points that were computed"
+        )
 
     @property
     def distance(self) -> Array:

@@ -11,6 +11,7 @@ from errormodel.exceptions import InputError, nearest
 from errormodel.observations.base import Observation
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.readings import Lengths, length_lines, lengths_of, refuse_exchanged
+from identification.estimation.checks import FOREIGN_MACHINE_SHARE
 from identification.importing.pairing import Pairs
 from identification.importing.reading_pairs import Joined, labels_of, own_labels, pair_readings
 from identification.importing.sources import SourceFile, Wishes
@@ -102,6 +103,11 @@ def set_ups(chain: Chain, survey: Survey, readings: Sequence[ReadingFile]) -> Se
     problem = build(chain, survey)
     lengths = lengths_of(chain, problem.views)
     refuse_exchanged(survey, lengths)
+    for own in lengths:
+        if own.far_mm > FOREIGN_MACHINE_SHARE * chain.size:
+            found = f"half of the readings of {own.label} lie {own.far_mm:.3g} mm and more beside the nominal machine"
+            cure = "Look for a wrong unit (--units length=..), sign, column, tool or known number of the observation"
+            raise InputError(str(readings[0].source.raw.name), found, cure)
     return SetUps(tuple(lengths), tuple(_places(problem.readings)))
 
 

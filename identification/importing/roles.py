@@ -141,7 +141,7 @@ def roles(recording: Recording, machine: Machine, kind: Kind, given: Mapping[str
     numeric = {n for n in names if recording.frame[n].dtype.kind == "f"}
 
     def take(ours: str, theirs: str) -> None:
-        if ours not in out and theirs not in used and ours not in names:
+        if ours not in out and theirs not in used and (ours not in names or ours in used):
             out[ours] = theirs
             used.add(theirs)
 
@@ -277,7 +277,8 @@ def _measured(free: Mapping[str, str], machine: Machine, kind: Kind, there: list
             read = word in _READ and kind == "whole" and {"x", "y", "z"} <= joints
             if not read or not {"x", "y", "z"} <= {*free} - {*own.values()} or not _others(free, own):
                 return own
-    if {"x", "y", "z"} <= {*free} and (kind == "measured" or not {"x", "y", "z"} & joints):
+    beside = all(any(b in free for b in _around(k, _COMMANDED)) for k in "xyz")  # Soll X and X
+    if {"x", "y", "z"} <= {*free} and (kind == "measured" or beside or not {"x", "y", "z"} & joints):
         return {f"m{k}": free[k] for k in "xyz"}
     surveyed = {f"m{k}": next((n for b, n in free.items() if re.fullmatch(p, b)), "") for k, p in _SURVEYED.items()}
     if all(surveyed.values()) and not joints & {*map(_bare, surveyed.values())}:
@@ -296,6 +297,8 @@ def nominal_and_actual(found: Mapping[str, str], machine: Machine) -> str:
     """What of a table is taken as commanded and what as measured, where words such as soll and ist say it; or empty."""
     words = {_bare(theirs): theirs for ours, theirs in found.items() if ours in MEASURED}
     beside = [t for b, t in words.items() if any(b in (f"{w}{k}", f"{k}{w}") for w in _BESIDE for k in "xyz")]
+    if {*words} == {"x", "y", "z"} <= {_bare(j.name) for j in machine.joints}:
+        beside = [*words.values()]
     joints = [found[j.name] for j in machine.joints if j.name in found]
     if not beside or not joints:
         return ""

@@ -60,12 +60,28 @@ def _joined(imported: Imported) -> Iterator[str]:
             yield f"  {_clock(source.raw.path.name, own.offset)}"
         for note in own.notes:
             yield f"  {note}"
+    yield from _channels(imported)
     if imported.frame != "shared":
         frames = {
             "per-file": "each file has a measuring frame of its own",
             "per-run": "each station has one of its own",
         }
         yield f"  {frames[imported.frame]}: another one for all does not fit"
+
+
+def _channels(imported: Imported) -> Iterator[str]:
+    """What no proof shows: rows outside a log, and the zero of a programme."""
+    table = imported.survey.table
+    logs = [s for s in imported.sources if s.what == "log"]
+    for name in (str(c) for s in logs for c in s.recording.frame if c in table and c != "time"):
+        bare = int(table[name].isna().sum())
+        if bare:
+            yield f"  {name} of {bare} of {len(table)} rows is not known: they lie outside its log (--log-offset)"
+    if logs:
+        yield "  whether the clocks of logs are right, nothing proves: see when the log begins"
+    turning = any(j.type == "rotary" for j in imported.machine.joints)
+    if any(s.entry.offsets for s in imported.sources if s.what == "commands") and not turning:
+        yield "  the zero of the programme is taken as --offset states it: points of linear axes do not prove it"
 
 
 def _clock(name: str, offset: float) -> str:

@@ -18,6 +18,9 @@ from identification.importing.trace_proof import Circle, common_ball, refuse_exc
 FOREIGN = 0.02  # of the radius: a ball further off its centre, or a deviation as large, is no test; by judgement
 
 
+COPY = "is a copy of"
+MANY = 30  # readings, to compare both ways
+COPIED = 0.7  # of them alike to the last digit: with noise a few are
 COMPLETE = 350.0  # degrees: an export may leave out the ends of a turn
 
 
@@ -54,6 +57,11 @@ class Trace:
         recording = self.source.recording
         word, kind = next((w, k) for w, k in registry().items() if k.trace == recording.trace)
         return {"type": word, **kind.traced(recording.reach)}
+
+    @property
+    def copied(self) -> str:
+        """That one sense is a copy of the other; empty where it is not."""
+        return next((f"{self.source.raw.path.name}: {s}" for s in self.says if COPY in s), "")
 
     @property
     def line(self) -> str:
@@ -107,7 +115,12 @@ def _trace(source: SourceFile, label: str, plane: str) -> Trace:
     ball = dict(zip(plane, (-found[:2]).tolist(), strict=True))
     run = Circle(angle, _senses(source, plane, angle, rows), length[rows], row_places(rows, source.recording.lines))
     both = len({*run.sense.tolist()}) > 1
-    says = (*_singles(refuse_exchanged(run, source.raw.name)), *_parts(run), *[refuse_shifted(run, source.raw.name)])
+    says = (
+        *_copied(run),
+        *_singles(refuse_exchanged(run, source.raw.name)),
+        *_parts(run),
+        *[refuse_shifted(run, source.raw.name)],
+    )
     return Trace(
         source, label, plane, radius, both, 1e3 * off, 1e3 * float(np.ptp(left)), ball, dict(circle.centre),
         tuple(s for s in says if s),
@@ -119,6 +132,16 @@ def _senses(source: SourceFile, plane: str, angle: Array, rows: Index) -> Array:
     first, second = (source.column(f"dir_{axis}")[rows] for axis in plane)
     grows = second * np.cos(angle) - first * np.sin(angle)
     return np.asarray(np.where(grows >= 0, 1.0, -1.0))
+
+
+def _copied(run: Circle) -> Iterator[str]:
+    """That one sense repeats the other, in words."""
+    ways = [run.length[run.sense == sense] for sense in (1.0, -1.0)]
+    for other in (ways[1], ways[1][::-1]):
+        n = min(map(len, ways))
+        if n >= MANY and len(ways[0]) == len(other) and np.mean(ways[0] == other) > COPIED:
+            yield f"both ways hold the same readings to the last digit: one {COPY} the other, which hides backlash"
+            return
 
 
 def _singles(count: int) -> Iterator[str]:

@@ -27,6 +27,9 @@ MINORITY = 0.5  # of the readings of an observation left out: what is left is th
 MOST_WILD = 200  # readings, among which exchanged ones are looked for
 
 
+ONE_WAY = 10  # lengths, to say that nearly all are too long or too short
+
+
 @dataclass(frozen=True)
 class Lengths:
     """Lengths of an observation beside those of a machine without errors.
@@ -47,6 +50,11 @@ class Lengths:
     wild: Index
     exchanged: tuple[tuple[int, int], ...]
     starts: tuple[WrongStart, ...] = ()
+
+    @property
+    def far_mm(self) -> float:
+        """Distance that half of them lie beside the nominal machine, mm."""
+        return float(np.median(np.abs(self.gap))) if len(self.gap) else 0.0
 
 
 def lengths_of(chain: Chain, views: Sequence[View]) -> list[Lengths]:
@@ -121,6 +129,9 @@ def length_lines(survey: Survey, lengths: Sequence[Lengths]) -> Iterator[str]:
         um = 1e3 * np.abs(own.gap)
         text = f"{own.label}: {len(um)} lengths, {np.sqrt(np.mean(um**2)):.3g} um rms (median {np.median(um):.3g} um, "
         text += f"largest {um.max():.3g} um) from a machine without errors"
+        if len(um) >= ONE_WAY and abs(np.sign(own.gap).sum()) >= 0.9 * len(um):
+            way = "long" if np.median(own.gap) > 0 else "short"
+            text += f"; nearly all of them too {way}: a scale, or the known length is wrong"
         if len(own.wild):
             text += f"; far off: rows {listed(_rows(survey, own.index)[own.wild].tolist())} (fit with --robust)"
         yield text
