@@ -37,7 +37,7 @@ def copy_notes(survey: Survey) -> Iterator[str]:
             size = float(np.ptp(own[motion].dropna()))
             if motion in TRANSLATIONS and len(own) >= MANY and size < TOO_GOOD_MM:
                 yield (
-                    f"error motions {motion} of {name} that vary by {1e3 * size:.2g} um: no machine is so good. Look for "
+                    f"error motions {motion} of {name} that vary by {1e3 * size:.2g} um: none is so good. Look for "
                     "a unit that is a thousand times too small (--units), or for readings that were made up"
                 )
 
