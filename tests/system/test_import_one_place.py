@@ -68,7 +68,7 @@ def test_what_points_at_one_place_do_not_prove_is_said_and_stays(
     assert "the points prove neither the order of the rows nor signs, hand or axes" in result.out
     assert "excludes nothing" not in result.out
     for text in (result.err, (tmp_path / "s/survey.yaml").read_text().replace("\n", " ")):
-        assert "positive where it stands too far along an axis" in " ".join(text.split())
+        assert "positive where the tool stands too far" in " ".join(text.split())
 
 
 def exchanged(seen: np.ndarray) -> np.ndarray:
