@@ -5,6 +5,8 @@
 - ``lag(T_bed,600)``: the column after a first-order lag of 600 s.
 - ``play(X,0.01)``: X after a play of 0.01 (mm or rad), in the order of the rows.
 - ``run(3)``: 1 in the rows of run 3, else 0.
+- ``speed(X|X,Y,Z|A,C)``: speed of X (mm/s or rad/s, with its sign) as its share of the ``feed`` along the path of the
+  linear joints X, Y, Z or, where these stand, of the rotary A, C (`errormodel.path_speed`).
 - ``point_x``: not a column but the nominal position of the chain, mm.
 
 Units: mm, rad, s, degC.
@@ -20,6 +22,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.exceptions import InputError, nearest
+from errormodel.path_speed import SPEED_CHANNEL, path_speed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,6 +52,8 @@ def channel(table: pd.DataFrame, name: str) -> Array:
     call = DERIVED_CHANNEL.fullmatch(name)
     if call:
         return _DERIVED[call[1]](table, call[2], float(call[3]))
+    if moving := SPEED_CHANNEL.fullmatch(name):
+        return speed(table, *moving.groups())
     if name.startswith("dir_"):
         return direction(table, name[4:])
     if name.startswith("run("):
@@ -72,7 +77,9 @@ def channel(table: pd.DataFrame, name: str) -> Array:
 
 
 def root(name: str) -> str:
-    """Base channel of a derived one: ``T_bed`` of ``lag(T_bed,600)``."""
+    """Base channel of a derived one: ``T_bed`` of ``lag(T_bed,600)``, ``feed`` of a speed."""
+    if SPEED_CHANNEL.fullmatch(name):
+        return "feed"
     call = DERIVED_CHANNEL.fullmatch(name)
     return call[2] if call else name
 
@@ -192,8 +199,32 @@ def direction(table: pd.DataFrame, joint: str) -> Array:
     return result
 
 
+def speed(table: pd.DataFrame, joint: str, linear: str, turning: str) -> Array:
+    """Speed of a joint (n,), mm/s or rad/s: its share of the feed on the path of joints named with commas between."""
+    names = [n for n in (*linear.split(","), *turning.split(",")) if n]
+    order = _order(table)
+    time = channel(table, "time") if "time" in table else np.full(len(table), np.nan)
+    out = np.empty(len(table))
+    out[order] = path_speed(
+        np.column_stack([channel(table, n) for n in names])[order],
+        np.array([n in linear.split(",") for n in names]),
+        channel(table, "feed")[order],
+        np.column_stack([direction(table, n) for n in names])[order],
+        time[order],
+        _codes(table, ["file", "run"])[order],
+    )[:, names.index(joint)]
+    return out
+
+
 def _moves(table: pd.DataFrame, joint: str) -> tuple[Index, pd.Series]:
     """Rows in the order in which a joint came to them, and in this order the sign of its move to each; NaN at rest."""
+    order, file = _order(table), _codes(table, ["file"])
+    position = table[joint].iloc[order].groupby(file[order])
+    return order, np.sign(position.ffill().groupby(file[order]).diff()).replace(0.0, np.nan)
+
+
+def _order(table: pd.DataFrame) -> Index:
+    """Rows in the order in which they were measured: their own or, where a run's times are not in order, theirs."""
     import pandas as pd
 
     file = _codes(table, ["file"])
@@ -204,8 +235,7 @@ def _moves(table: pd.DataFrame, joint: str) -> tuple[Index, pd.Series]:
         shuffled = pd.Series(step < 0).groupby(file).transform("any").to_numpy()
         time = np.where(shuffled, table["time"], 0.0)
         order = np.lexsort((time, np.where(shuffled, run, 0), file))  # stable: otherwise the rows' own order
-    position = table[joint].iloc[order].groupby(file[order])
-    return order, np.sign(position.ffill().groupby(file[order]).diff()).replace(0.0, np.nan)
+    return order
 
 
 def assumed_sides(table: pd.DataFrame, joint: str) -> Index:

@@ -21,6 +21,7 @@ from errormodel.exceptions import InputError, NoRowsError
 from errormodel.formats import data_frame, open_tables
 from errormodel.formats.base import RowRanges, Table
 from errormodel.machine import Machine
+from errormodel.path_speed import SPEED_CHANNEL
 from errormodel.survey import Survey, assemble, name_of
 from errormodel.surveys.checks import Part, left_out, read_part
 from errormodel.surveys.columns import (
@@ -297,10 +298,9 @@ def _check_course(table: Table, plan: Plan, channels: tuple[str, ...], measured:
     for name in channels:
         derived = DERIVED_CHANNEL.fullmatch(name)
         smoothed = name.startswith("T_") and "time" in plan.ours
-        if derived or smoothed:
-            what = (
-                {"lag": "a lagged temperature", "play": "a play"}[derived[1]] if derived else "a smoothed temperature"
-            )
+        if derived or smoothed or SPEED_CHANNEL.fullmatch(name):
+            kinds = {"lag": "a lagged temperature", "play": "a play"}
+            what = kinds[derived[1]] if derived else "a smoothed temperature" if smoothed else "a speed on the path"
             found = f"an effect of this machine needs {name}, {what}, which follows from the course of all rows"
             raise InputError(where, found, f"{WHOLE[0].upper()}{WHOLE[1:]}")
         if name.startswith("dir_") and name not in plan.ours:

@@ -10,6 +10,7 @@ from errormodel.conventions import FRAME, INSTRUMENT, TOOL, Motion, iso_symbol, 
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.machine import Joint, Machine
+from errormodel.path_speed import SPEED_CHANNEL
 from identification.diagnosis.data_checks.blunder import length
 from identification.diagnosis.results.effect_size import Whole
 from identification.results.parameter_table import decimals, printed
@@ -108,6 +109,8 @@ def channel(name: str) -> str:
     if call := DERIVED_CHANNEL.fullmatch(name):
         behind = f" behind a lag of {duration(float(call[3]))}" if name.startswith("lag") else ", with play"
         return call[2] + behind
+    if moving := SPEED_CHANNEL.fullmatch(name):
+        return f"the speed of {moving[1]}"
     if name.startswith("dir_"):
         return f"the side from which {name[4:]} arrives"
     return f"run {name[4:-1]}" if name.startswith("run(") else name
