@@ -7,6 +7,8 @@
 - ``run(3)``: 1 in the rows of run 3, else 0.
 - ``speed(X|X,Y,Z|A,C)``: speed of X (mm/s or rad/s, with its sign) as its share of the ``feed`` along the path of the
   linear joints X, Y, Z or, where these stand, of the rotary A, C (`errormodel.path_speed`).
+- ``resumed(3600,900)``: time from which the machine worked on after a recording's end at 3600 s, with no steps longer
+  than 900 s but rests (`errormodel.machine_rests`).
 - ``point_x``: not a column but the nominal position of the chain, mm.
 
 Units: mm, rad, s, degC.
@@ -22,6 +24,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.exceptions import InputError, nearest
+from errormodel.machine_rests import RESUMED_CHANNEL, resumed
 from errormodel.path_speed import SPEED_CHANNEL, path_speed
 
 if TYPE_CHECKING:
@@ -54,6 +57,8 @@ def channel(table: pd.DataFrame, name: str) -> Array:
         return _DERIVED[call[1]](table, call[2], float(call[3]))
     if moving := SPEED_CHANNEL.fullmatch(name):
         return speed(table, *moving.groups())
+    if again := RESUMED_CHANNEL.fullmatch(name):
+        return resumed(channel(table, "time"), float(again[1]), float(again[2]))
     if name.startswith("dir_"):
         return direction(table, name[4:])
     if name.startswith("run("):
@@ -77,9 +82,11 @@ def channel(table: pd.DataFrame, name: str) -> Array:
 
 
 def root(name: str) -> str:
-    """Base channel of a derived one: ``T_bed`` of ``lag(T_bed,600)``, ``feed`` of a speed."""
+    """Base channel of a derived one: ``T_bed`` of ``lag(T_bed,600)``, ``feed`` of a speed, ``time`` of a rest."""
     if SPEED_CHANNEL.fullmatch(name):
         return "feed"
+    if RESUMED_CHANNEL.fullmatch(name):
+        return "time"
     call = DERIVED_CHANNEL.fullmatch(name)
     return call[2] if call else name
 

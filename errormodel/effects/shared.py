@@ -5,7 +5,7 @@ Units: mm, rad, s, degC.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated, Literal
 
@@ -65,6 +65,11 @@ def thermal(sensor: str, minus: str | None) -> tuple[str, ...]:
 def settling(channel: Channels, tau: float, start: float) -> Value:
     """``1 - exp(-(t - start)/tau)``; 0 before the start."""
     return 1 - exp(-fmax(channel("time") - start, 0) / tau)
+
+
+def warmed(time: Value, tau: float, sessions: Sequence[tuple[Value, Value]]) -> Value:
+    """State of what settles to 1 in sessions of work, each from its begin to its end, and to 0 in the rests between."""
+    return sum(exp(-(time - fmin(time, end)) / tau) - exp(-(time - fmin(time, begin)) / tau) for begin, end in sessions)
 
 
 def waves(q: Value, rate: float | NDArray[np.float64]) -> dict[str, Value]:

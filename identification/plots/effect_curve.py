@@ -14,6 +14,7 @@ from errormodel.channels import DERIVED_CHANNEL, root
 from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects import make
 from errormodel.effects.base import Effect
+from errormodel.machine_rests import RESUMED_CHANNEL
 from errormodel.path_speed import SPEED_CHANNEL
 from identification.diagnosis.search.model import EffectModel
 from identification.estimation.result import Fit
@@ -203,7 +204,8 @@ class Channels:
         if name.startswith("dir_"):
             return self._side()
         # of the speeds of several joints only that along which the curve runs is given
-        found = self._given.get(name if SPEED_CHANNEL.fullmatch(name) else root(name))
+        own = SPEED_CHANNEL.fullmatch(name) or RESUMED_CHANNEL.fullmatch(name)
+        found = self._given.get(name if own else root(name))
         return self._median(name) if found is None else found
 
     def _side(self) -> Array:
