@@ -5,6 +5,7 @@
 - ``lag(T_bed,600)``: the column after a first-order lag of 600 s.
 - ``play(X,0.01)``: X after a play of 0.01 (mm or rad), in the order of the rows.
 - ``run(3)``: 1 in the rows of run 3, else 0.
+- ``row``: number of the row in the fitted file, from 1; what comes after it (test files, predictions) has `LAST_ROW`.
 - ``speed(X|X,Y,Z|A,C)``: speed of X (mm/s or rad/s, with its sign) as its share of the ``feed`` along the path of the
   linear joints X, Y, Z or, where these stand, of the rotary A, C (`errormodel.path_speed`).
 - ``resumed(3600,900)``: time from which the machine worked on after a recording's end at 3600 s, with no steps longer
@@ -39,6 +40,7 @@ CLOCK_MISFIT_KELVIN = 0.1
 # columns that must be complete; positions may be missing in rows about another joint
 UNITS_OF_CHANNELS = {"time": "s", "feed": "mm/s", "load": "kg"}
 _GAPLESS = ("T_", "w_", "time", "feed", "load")
+LAST_ROW = 1e9  # number of a row after all that were recorded
 JUMP_STEPS = 2.5  # times the median step between targets: a longer step back begins a new sequence; by judgement
 # nominal position of the functional point in the reference's axes, mm
 POINT_CHANNELS = ("point_x", "point_y", "point_z")
@@ -61,6 +63,9 @@ def channel(table: pd.DataFrame, name: str) -> Array:
         return resumed(channel(table, "time"), float(again[1]), float(again[2]))
     if name.startswith("dir_"):
         return direction(table, name[4:])
+    if name == "row":
+        rows = table["row"].to_numpy(dtype=np.float64) if "row" in table else np.arange(1.0, len(table) + 1)
+        return np.where(table["role"] == "test", LAST_ROW, rows) if "role" in table else rows
     if name.startswith("run("):
         return np.asarray(table["run"].astype(str) == name[4:-1], dtype=np.float64)
     if name not in table:

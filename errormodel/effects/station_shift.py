@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Self
 from pydantic import model_validator
 
 from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS, unit_of
-from errormodel.effects.base import PLACE, Channels, Effect, EffectTerm
+from errormodel.effects.base import PLACE, Channels, Effect, EffectTerm, ShapeParameter
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import moments, since
 from errormodel.machine import Machine
@@ -19,6 +19,8 @@ from errormodel.machine import Machine
 
 class StationShift(Effect):
     """Six motions of the measuring frame (mm, rad) from the time `at` on, within one second; or those of one `run`.
+
+    Without a clock, those from a `row` of the file on: rows stand in the order in which they were measured.
 
     Without `turned` only the three displacements: a foot or fixture that slid.
     """
@@ -31,13 +33,14 @@ class StationShift(Effect):
     example: ClassVar[Mapping[str, object]] = {"at": 1800.0}
 
     at: Annotated[float | None, PLACE] = None  # s
+    row: Annotated[float | None, ShapeParameter("row", place=True, said=False)] = None  # counted from 1
     run: str | None = None
     turned: bool = True
 
     @model_validator(mode="after")
     def _one_of_them(self) -> Self:
-        if (self.at is None) == (self.run is None):
-            raise ValueError("a station shift has either a time, at: 1800, or a run, run: 2")
+        if sum(v is not None for v in (self.at, self.row, self.run)) != 1:
+            raise ValueError("a station shift has one of a time, at: 1800, a row, row: 120, or a run, run: 2")
         return self
 
     @property
@@ -46,10 +49,13 @@ class StationShift(Effect):
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return ("time",) if self.run is None else (f"run({self.run})",)
+        return (f"run({self.run})",) if self.run is not None else ("time",) if self.row is None else ("row",)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        after = since(channel, self.at) if self.at is not None else channel(f"run({self.run})")
+        if self.run is not None:
+            after = channel(f"run({self.run})")
+        else:
+            after = since(channel, self.at) if self.at is not None else since(channel, self.row or 0.0, "row")
         sizes = {m: 0.02 if m in TRANSLATIONS else 2e-5 for m in (MOTIONS if self.turned else TRANSLATIONS)}
         return [EffectTerm(FRAME, "", unit_of(m), {m: after}, size) for m, size in sizes.items()]
 
@@ -58,3 +64,5 @@ class StationShift(Effect):
         yield from (cls(run=name[4:-1], turned=turned) for name in scene.runs for turned in (True, False))
         for at in moments(scene):
             yield from (cls(at=at, turned=turned) for turned in (True, False))
+        for row in moments(scene, "row"):
+            yield from (cls(row=row, turned=turned) for turned in (True, False))

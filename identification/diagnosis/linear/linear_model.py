@@ -393,6 +393,8 @@ def _scene_columns(survey: Survey, table: RowChannels, chain: Chain, dead: Colle
     if 2 <= len(runs) <= MOST_RUNS:  # of two, one is enough
         several = [label for label, n in runs if n >= LEAST_RUN][len(runs) == 2 :]
         columns |= {f"run({label})": table[f"run({label})"] for label in several}
+    if "time" not in columns and survey.table["file"].nunique() == 1:  # without a clock their order says when
+        columns["row"] = table["row"]
     for joint in chain.machine.joints:
         columns[joint.name] = survey.table[joint.name].to_numpy(dtype=float)
         columns[f"dir_{joint.name}"] = table[f"dir_{joint.name}"]
