@@ -24,6 +24,8 @@ RUNS_ON = 0.7  # cosine of the turn up to which a path runs on through a row; by
 AT_FEED = 0.9, 1.1  # of the feed: a step that was made at it; by judgement
 IN_MOTION = 0.2  # share of such steps, from which on rows were read in motion; by judgement: with pauses they are rare
 FASTEST = 1.2  # times the feed: faster was no feed; by judgement, since times are rounded
+PAUSE = 0.5  # ratio of the rates of two steps, below which the slower one had a pause in it; by judgement
+SIDEWAYS = 0.3  # share of a step that a joint may go against its side: on a curve it turns round between two rows
 STANDS = 1e-9  # mm or rad
 
 
@@ -62,14 +64,15 @@ def path_speed(position: Array, linear: Mask, feed: Array, side: Array, time: Ar
     moving = known.any() and np.mean((rate[:-1][known] > AT_FEED[0]) & (rate[:-1][known] < AT_FEED[1])) > IN_MOTION
     before, after = slice(None, -1), slice(1, None)
     came = side[starts]
-    forth = [(length[s] > 0) & (steps[s] * came >= -STANDS).all(axis=1) for s in (before, after)]
-    straight = _cosines(steps, position)  # of the turn at each place
+    ways = _unit(steps, position)
+    forth = [(length[s] > 0) & (ways[s] * came >= -SIDEWAYS).all(axis=1) for s in (before, after)]
+    straight = np.einsum("nj,nj->n", ways[before], ways[after])  # cosine of the turn at each place
     if moving:
         weight = [np.where(rate[s] < FASTEST, np.minimum(rate[s], 1.0), 0.0) for s in (before, after)]
     else:
         weight = [1.0 + np.append(1.0, straight[:-1]), 1.0 + np.append(straight[1:], -1.0)]
     weight = [w * f for w, f in zip(weight, forth, strict=True)]
-    through = (straight > RUNS_ON) & (weight[0] > 0) & (weight[1] > 0)
+    through = (straight > RUNS_ON) & (np.minimum(*weight) > (PAUSE * np.maximum(*weight) if moving else 0.0))
     use = [through | (weight[0] >= weight[1]), through | (weight[0] < weight[1])]
     path = sum(u[:, None] * steps[s] for u, s in zip(use, (before, after), strict=True))
     way, lasted = (
@@ -80,7 +83,8 @@ def path_speed(position: Array, linear: Mask, feed: Array, side: Array, time: Ar
         with np.errstate(divide="ignore", invalid="ignore"):
             timed = (np.where(lasted > 0, way / lasted, np.inf))[place]
         pace_here = np.fmin(timed, pace)
-    share = path / np.where(way > 0, way, 1.0)[:, None]
+    along = _length(path, linear)
+    share = path / np.where(along > 0, along, 1.0)[:, None]
     contrary = ~(forth[0] | forth[1])
     share[contrary] = np.abs(share[contrary]) * came[contrary]
     return np.asarray(pace_here[:, None] * share[place])
@@ -92,10 +96,9 @@ def _length(steps: Array, linear: Mask) -> Array:
     return np.where(slid > STANDS, slid, np.degrees(np.linalg.norm(steps[:, ~linear], axis=1)))
 
 
-def _cosines(steps: Array, position: Array) -> Array:
-    """Cosine of the turn at each place (n,), every joint in units of its range; 0 at the ends of a series."""
+def _unit(steps: Array, position: Array) -> Array:
+    """Direction of each step, every joint in units of its range; 0 where there is none."""
     span = np.ptp(position, axis=0)
     scaled = steps / np.where(span > 0, span, 1.0)
     size = np.linalg.norm(scaled, axis=1)
-    unit = scaled / np.where(size > 0, size, 1.0)[:, None]
-    return np.einsum("nj,nj->n", unit[:-1], unit[1:])
+    return np.asarray(scaled / np.where(size > 0, size, 1.0)[:, None])

@@ -118,7 +118,7 @@ class WarmUp(Effect):
         if scene.duration:
             time = scene.columns["time"]
             always = cls(start=start_of(scene))
-            cooling = cls(start=always.start, rests=rests(time), until=time.max(), step=longest_step(time))
+            cooling = cls(start=always.start, rests=rests(time), until=time.max(), step=round(longest_step(time)))
             uses = [cooling, always] if cooling.rests else [cooling]
             for joint in (*(j.name for j in scene.prismatic), None):
                 for tau, use in product(settling_times(scene), uses):

@@ -28,6 +28,7 @@ from identification.uncertainty.recording_end import (
     in_last_run,
     started_anew,
 )
+from identification.uncertainty.unknown_rests import rested, with_other_use
 from identification.uncertainty.unknown_sides import midway
 
 if TYPE_CHECKING:
@@ -70,6 +71,7 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     channels = after_last_row(fit.chain, channels)
     out = _predict_rows(fit, channels, labels)
     out = midway(fit.chain, points.table, channels, labels, out, partial(_predict_rows, fit))
+    out = with_other_use(fit.chain, channels, labels, out, partial(_predict_rows, fit))
     table = pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)
     if "joint" in points.table:
         table[[*MOTIONS, *MOTION_UNCERTAINTIES]] = _motions(fit, points, channels)
@@ -117,7 +119,8 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     own = (*fit.unlisted, *rotation_notes(fit.frames))
     late = started_anew(fit.chain, fit.data.get("history", {}), points.table)
     ended = as_in_last_run(fit.chain, fit.data.get("runs", ()), points.table)
-    return (*own, *_unfitted(fit, points), *free, *beyond, *late, *ended, *_arrivals(fit, points))
+    idle = rested(fit.chain, points.table)
+    return (*own, *_unfitted(fit, points), *free, *beyond, *late, *ended, *idle, *_arrivals(fit, points))
 
 
 def _arrivals(fit: StoredFit, points: Survey) -> Iterator[str]:
