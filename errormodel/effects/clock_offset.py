@@ -42,7 +42,7 @@ class ClockOffset(Effect):
     @model_validator(mode="after")
     def _all_of_a_path(self) -> Self:
         if self.speed == "path" and self.joints:
-            raise ValueError("on a path all joints move: leave out joints, or write speed: each")
+            raise ValueError("on a path all joints move: leave out joints or write speed: each")
         return self
 
     @property

@@ -66,7 +66,7 @@ class WarmUp(Effect):
             raise ValueError("a member that warms up has one motion and is no joint: element: T1, motion: ea")
         ends = [self.start, *(t for rest in self.rests for t in rest), *([] if self.until is None else [self.until])]
         if any(before > after for before, after in pairwise(ends)):
-            raise ValueError("start, rests and until follow one another in time")
+            raise ValueError("start and rests and until must follow one another in time")
         return self
 
     @property
