@@ -93,7 +93,8 @@ def path_speed(position: Array, linear: Mask, feed: Array, side: Array, time: Ar
 def _length(steps: Array, linear: Mask) -> Array:
     """Length of each step's path (n,): of the linear joints, mm; where these stand, of the others, degrees."""
     slid = np.linalg.norm(steps[:, linear], axis=1)
-    return np.where(slid > STANDS, slid, np.degrees(np.linalg.norm(steps[:, ~linear], axis=1)))
+    turned = np.degrees(np.linalg.norm(steps[:, ~linear], axis=1))
+    return np.asarray(np.where(slid > STANDS, slid, turned))
 
 
 def _unit(steps: Array, position: Array) -> Array:
