@@ -33,7 +33,7 @@ class StationShift(Effect):
     example: ClassVar[Mapping[str, object]] = {"at": 1800.0}
 
     at: Annotated[float | None, PLACE] = None  # s
-    row: Annotated[float | None, ShapeParameter("row", place=True, said=False)] = None  # counted from 1
+    row: Annotated[float | None, ShapeParameter("1", place=True, said=False)] = None  # counted from 1
     run: str | None = None
     turned: bool = True
 
