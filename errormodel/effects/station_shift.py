@@ -16,6 +16,9 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import moments, since
 from errormodel.machine import Machine
 
+# log odds against a step in the order of the rows: drifts of a real arm look like one by 14, steps stand out by 35
+STANDS_OUT = 15.0
+
 
 class StationShift(Effect):
     """Six motions of the measuring frame (mm, rad) from the time `at` on, within one second; or those of one `run`.
@@ -50,6 +53,11 @@ class StationShift(Effect):
     @property
     def drivers(self) -> tuple[str, ...]:
         return (f"run({self.run})",) if self.run is not None else ("time",) if self.row is None else ("row",)
+
+    @property
+    def cost(self) -> float:
+        """Natural logarithm of the prior odds against it: in the order of its rows a recording drifts, clock or none."""
+        return STANDS_OUT if self.row is not None else 0.0
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         if self.run is not None:
