@@ -56,7 +56,7 @@ class StationShift(Effect):
 
     @property
     def cost(self) -> float:
-        """Natural logarithm of the prior odds against it: in the order of its rows a recording drifts, clock or none."""
+        """Natural logarithm of the prior odds against it: in the order of its rows a recording drifts too."""
         return STANDS_OUT if self.row is not None else 0.0
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
