@@ -385,7 +385,7 @@ def unused_runs(survey: Survey) -> list[tuple[str, int]]:
 
 
 def _scene_columns(survey: Survey, table: RowChannels, chain: Chain, dead: Collection[str]) -> dict[str, Array]:
-    """Summary of the survey's rows: columns, directions of approach and, of one file without a clock, the rows' order."""
+    """Summary of the rows: columns, directions of approach and, of one file without a clock, their order."""
     plain = ("time", "feed", "load", *TOOL_CHANNELS)
     names = [c for c in survey.table.columns if (str(c).startswith(("T_", "w_")) and c not in dead) or c in plain]
     columns = {str(n): survey.table[n].to_numpy(dtype=float) for n in names}
