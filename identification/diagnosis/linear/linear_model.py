@@ -394,7 +394,6 @@ def _scene_columns(survey: Survey, table: RowChannels, chain: Chain, dead: Colle
         several = [label for label, n in runs if n >= LEAST_RUN][len(runs) == 2 :]
         columns |= {f"run({label})": table[f"run({label})"] for label in several}
     columns |= {} if "time" in columns or survey.table["file"].nunique() > 1 else {"row": table["row"]}
-    for joint in chain.machine.joints:
-        columns[joint.name] = survey.table[joint.name].to_numpy(dtype=float)
-        columns[f"dir_{joint.name}"] = table[f"dir_{joint.name}"]
-    return columns
+    joints = [j.name for j in chain.machine.joints]
+    columns |= {name: survey.table[name].to_numpy(dtype=float) for name in joints}
+    return columns | {f"dir_{name}": table[f"dir_{name}"] for name in joints}
