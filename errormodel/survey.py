@@ -80,6 +80,11 @@ class Survey:
         The joint whose error motions the points stand for; empty where points were measured.
     observations : mapping
         Models of single readings by the names in the column ``observation``.
+    scatter : bool
+        Whether the rows' standard uncertainties are the scatter of the single readings whose means they hold: they
+        weigh the rows, and the noise of the means shows in the residuals.
+    of_tool : frozenset of str
+        Files whose readings were along the axes of the tool; the table has them in those of the reference.
     """
 
     table: pd.DataFrame
@@ -94,6 +99,8 @@ class Survey:
     frame_rotation: tuple[float, float, float] | None = None
     record: RecordForm | None = None
     observations: Mapping[str, Observation] = field(default_factory=dict)
+    scatter: bool = False
+    of_tool: frozenset[str] = frozenset()
 
     def __len__(self) -> int:
         return len(self.table)
@@ -175,6 +182,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
         document, machine, form.columns, [table for entry, tables in opened if not entry.format for table in tables]
     )
     notes: dict[str, None] = dict.fromkeys(form.all_notes() if measured else ())  # in order, and each once
+    of_tool = frozenset(entry.path for entry, _ in opened if entry.axes == "tool")
     parts: list[Part] = []
     forms = [_own_form(form, entry, tables[0]) for entry, tables in opened]
     plans = [
@@ -196,6 +204,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     if measured and all(entry.role == "test" for entry in form.files):
         raise document.error(("files",), "only test files", "Give at least one file the role fit")
     table = mended(assemble(parts, machine), machine)
+    scatter = [getattr(tables[0], "scatter", False) for entry, tables in opened if entry.role == "fit"]
     check_observations(table, machine, form.observations, measured, str(path))
     table, more = filled(table) if measured else in_step(table, machine)  # states for a prediction have no time series
     notes |= dict.fromkeys(more)
@@ -209,7 +218,8 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
         rotation = (x, y, z)
     return Survey(
         table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes), tuple(form.budget),
-        frame_rotation=rotation, record=form.test, observations=form.observations,
+        frame_rotation=rotation, record=form.test, observations=form.observations, scatter=all(scatter),
+        of_tool=of_tool,
     )  # fmt: skip
 
 

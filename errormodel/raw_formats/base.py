@@ -61,6 +61,8 @@ class Asked:
         The circle that was run, of a trace without coordinates.
     units : mapping
         Unit of a column by the format's own word for it (`RawFormat.columns`), before that of the file.
+    sheet : str
+        Of a workbook that has it; empty: the first that is no cover sheet.
     """
 
     machine: Machine | None = None
@@ -71,6 +73,7 @@ class Asked:
     dialect: str = "auto"
     circle: CommandedCircle | None = None
     units: Mapping[str, str] = field(default_factory=dict)
+    sheet: str = ""
 
 
 class ReadAs(NamedTuple):

@@ -1,4 +1,4 @@
-"""Spreadsheets (``.xlsx``, ``.xls``, ``.ods``): the first sheet that holds a table, read like a table in text."""
+"""Spreadsheets (``.xlsx``, ``.xls``, ``.ods``): the sheet asked for, or the first that is no cover sheet."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from errormodel.exceptions import InputError
 from errormodel.extras import optional
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
 
+COVER = 0.5  # of the numbers of the fullest sheet: those with fewer are looked at last; by judgement
 LARGEST_UNPACKED = 300_000_000  # bytes: some millions of cells; by judgement
 _ZIP, _OLD = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"  # of xlsx and ods, of xls
 _SHEET = (b"xl/workbook", b"spreadsheet")  # a name of a part of the archive, a type in it
@@ -22,6 +23,7 @@ class Spreadsheet(RawFormat):
     title = "a spreadsheet"
     source = "ECMA-376 and OpenDocument, read by python-calamine (extra errormodel[xlsx])"
     seen = True
+    uses = ("sheet",)
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:
@@ -38,16 +40,25 @@ class Spreadsheet(RawFormat):
             raise InputError(raw.name, f"not a readable spreadsheet: {error}", "Save it again, or as CSV") from error
         from errormodel.raw_formats.base import format_of
 
-        for name, rows in sheets:
+        asked_for = [(name, rows) for name, rows in sheets if name == asked.sheet]
+        fullest = max((_numbers(rows) for _, rows in sheets), default=0)
+        for name, rows in asked_for or sorted(sheets, key=lambda s: _numbers(s[1]) < COVER * fullest):
             text = "\n".join("\t".join(_cell(c) for c in row) for row in rows)
             table = RawFile(raw.path, f"{raw.name}, sheet {name}", text.encode())
             if not text.strip() or table.layout is None:
                 continue
             recording = format_of(table).read(table, asked)
-            others = f"; {len(sheets) - 1} more not read" if len(sheets) > 1 else ""
+            others = f"; not read: {', '.join(n for n, _ in sheets if n != name)} (--sheet)" if len(sheets) > 1 else ""
             notes = tuple(n for n in recording.notes if n != "columns separated by tabs")
             return replace(recording, notes=(f"sheet {name} of the spreadsheet{others}", *notes))
-        raise InputError(raw.name, "no sheet with rows of numbers of equal width", "Give the table as CSV")
+        what = f"no rows of numbers of equal width in its sheet {asked.sheet}" if asked_for else ""
+        found = what or "no sheet with rows of numbers of equal width"
+        raise InputError(raw.name, found, f"Give the table as CSV; its sheets are {', '.join(n for n, _ in sheets)}")
+
+
+def _numbers(rows: list[list[object]]) -> int:
+    """Numbers in a sheet."""
+    return sum(isinstance(cell, float | int) for row in rows for cell in row)
 
 
 def _check_size(raw: RawFile) -> None:

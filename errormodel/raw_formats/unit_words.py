@@ -20,6 +20,10 @@ _OTHER = {
     "seconds": "s", "second": "s", "msec": "ms", "hours": "h", "minutes": "min", "mbar": "mbar", "hpa": "hPa",
     "%": "%", "% rh": "%", "%rh": "%",
 }  # fmt: skip
+# forms of dates and times of day in a row of units: hh:mm:ss, dd.mm.yyyy, TT.MM.JJJJ hh:mm
+_CLOCK = re.compile(
+    r"(?=.)(?:[dtjyam]{2,4}(?:[./-][dtjyam]{2,4}){2}[ T]?)?(?:h{1,2}:m{1,2}(?::s{1,2}(?:[.,][s0f]+)?)?)?", re.IGNORECASE
+)
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
 _SLASH = re.compile(r"^(.+?)\s*/\s*([^/\s]+)$")
 _COMMA = re.compile(r"^(.+?),\s*([^,\s]+)$")
@@ -33,8 +37,10 @@ _TAIL = re.compile(r"^.+_(mm|um|inch|deg|rad|mrad|urad|arcsec|s|ms|degC|degF|K)$
 
 
 def unit_word(text: str) -> str:
-    """The toolkit's word for a unit, or the text as it stands."""
+    """The toolkit's word for a unit, or the text as it stands; nothing for the form of a date or a time of day."""
     text = text.strip().strip("[](){}<>").strip()
+    if _CLOCK.fullmatch(text):
+        return ""
     return _OTHER.get(text.lower(), text)
 
 
@@ -48,7 +54,7 @@ def is_unit_word(text: str) -> bool:
     if not text.strip().strip("[](){}<>-").strip():
         return True
     word = unit_word(text)
-    return word in _OTHER.values() or bool(quantity_of_unit(word))
+    return not word or word in _OTHER.values() or bool(quantity_of_unit(word))
 
 
 def bracketed(name: str) -> tuple[str, str]:

@@ -66,6 +66,9 @@ class RawEntry(FileModel):
     offsets: list[str] = Field([], description='of a programme, as --offset of compensate, such as ["G54=X0,Y0,Z300"]')
     at: list[str] = Field([], description='of a programme, as --at of compensate, such as ["start=X0,Y0,Z0"]')
     dialect: str = Field("auto", description="of a programme, as --dialect: auto, iso, fanuc, fanuc-calculator ...")
+    sheet: str = Field(
+        "", description="of a workbook: the sheet that is read; left out: the first that is no cover sheet"
+    )
     circle: CommandedCircle | None = Field(
         None, description="of a trace of a bar's length over its angle: the circle that was commanded"
     )
@@ -86,6 +89,9 @@ class FileEntry(RawEntry):
     commands: RawEntry | None = Field(None, description="the file with the commands: a block as of a raw file")
     pairs: str = Field("", description="CSV of which rows were measured at which command: command, first, last")
     targets: dict[str, Vector3] = Field({}, description="functional point (mm) of each target, such as {A: [0, 0, 50]}")
+    axes: Literal["reference", "tool"] = Field(
+        "reference", description="of mx my mz: tool, of a nest in the spindle whose readings are along its own axes"
+    )
 
     @model_validator(mode="after")
     def _raw(self) -> FileEntry:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from errormodel.arrays import Array, Index
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.formats.data_frame import FrameTable
@@ -27,7 +26,6 @@ from errormodel.surveys.columns import (
     OBSERVATION,
     ORIENTATION,
     READING_UNCERTAINTIES,
-    READINGS,
     SIGMA_COLUMNS,
     TOOL_COLUMNS,
     first_pose,
@@ -36,7 +34,10 @@ from errormodel.surveys.columns import (
     unit_of_column,
 )
 from errormodel.surveys.file import FileEntry, LogEntry, RawEntry, SurveyUnits
+from errormodel.surveys.means import averaged
 from errormodel.surveys.pairs import PairTable, read_pairs
+from errormodel.surveys.side_by_side import one_below_the_other, reading_of
+from errormodel.surveys.tool_axes import in_reference
 from errormodel.units import UNIT_EXAMPLES, is_unit, to_internal
 
 if TYPE_CHECKING:
@@ -46,7 +47,6 @@ LABELS = ("point", "target", "station", "group")  # columns of text that only an
 UNSTATED = "no unit"  # begins the note of a format on what it takes for granted where a file states none
 LEFT_OUT = "-"  # in place of a column's own name: it is not read
 READ_BACK = "read_"  # before a joint: the position that the controller read back
-FEW_READINGS = 10  # readings at a place: the scatter of fewer is too uncertain to stand alone
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,7 @@ class RawTable(FrameTable):
     notes: tuple[str, ...] = ()  # on how the raw files were read
     units: Mapping[str, str] = field(default_factory=dict)  # of columns whose unit was stated, as they now are
     read_as: Mapping[str, ReadAs] = field(default_factory=dict)  # of lengths and error motions
+    scatter: bool = False  # standard uncertainties are only the scatter of the readings of which rows are means
 
     def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
         frame, notes = super().read(numbers, texts)
@@ -86,7 +87,7 @@ def read_raw(raw: RawFile, entry: RawEntry, machine: Machine) -> Recording:
     form = format_of(raw, entry.format)
     asked = Asked(
         machine, entry.dates, entry.joint, tuple(entry.offsets), tuple(entry.at), entry.dialect, entry.circle,
-        {word: unit for word, unit in entry.units.items() if word in form.columns},
+        {word: unit for word, unit in entry.units.items() if word in form.columns}, entry.sheet,
     )  # fmt: skip
     return form.opened(called(raw, form, entry.columns), asked)
 
@@ -134,6 +135,11 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
         columns[name] = _converted(entry, machine, name, column, unit)
         if unit and column.dtype.kind == "f":
             read_as[name] = ReadAs(name, unit)
+    if entry.joint and "joint" not in columns and {*columns} & {*MOTIONS} and len(recording.frame):
+        if entry.joint not in columns:
+            cure = f"Say which column it is: --columns {entry.joint}=.. (columns: of the map)"
+            raise InputError(entry.path, f"error motions of {entry.joint}, and no column of its position", cure)
+        columns["joint"] = pd.Series([entry.joint] * len(recording.frame))
     _check_units(entry, columns)
     read_as |= recording.read_as
     own_words: dict[str, str] = {n: asked[r.word] for n, r in read_as.items() if r.word in asked and n in MOTIONS}
@@ -141,13 +147,17 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
     told = "length" in entry.units or {*MEASURED} <= {*entry.units}
     notes = tuple(note for note in recording.notes if not (told and note.startswith(UNSTATED)))
     kept = {n: _usual(n, machine) for n in stated}
-    return replace(recording, frame=pd.DataFrame(columns), units=kept, notes=notes, read_as=read_as)
+    try:
+        frame, lines = one_below_the_other(pd.DataFrame(columns), recording.lines)
+    except ValueError as error:
+        raise InputError(f"{entry.path}, columns", str(error), "Write length:A=.., length:B=..") from error
+    return replace(recording, frame=frame, lines=lines, units=kept, notes=notes, read_as=read_as)
 
 
 def _is_coordinate(name: str, machine: Machine) -> bool:
     """Whether a column is one of those that a unit for all coordinates of a file is meant for."""
     joint = any(name.removeprefix(READ_BACK) in j.columns for j in machine.joints if j.type == "prismatic")
-    return joint or name in (*MEASURED, *SIGMA_COLUMNS, *TOOL_COLUMNS, "sigma", "length")
+    return joint or _plain(name) in (*MEASURED, *SIGMA_COLUMNS, *TOOL_COLUMNS, "sigma", "length")
 
 
 def _said(name: str, units: Mapping[str, str]) -> str:
@@ -155,15 +165,20 @@ def _said(name: str, units: Mapping[str, str]) -> str:
     return units.get(name, "") if name == "time" or name.startswith("T_") else ""
 
 
+def _plain(name: str) -> str:
+    """The column of a survey that a column of a raw file is one of: `X` of ``read_X``, ``length`` of ``length:A``."""
+    return reading_of(name.removeprefix(READ_BACK))[0]
+
+
 def _usual(name: str, machine: Machine) -> str:
-    quantity = quantity_of(name.removeprefix(READ_BACK), machine)
-    return "" if quantity is None else unit_of_column(name.removeprefix(READ_BACK), quantity, SurveyUnits())
+    quantity = quantity_of(_plain(name), machine)
+    return "" if quantity is None else unit_of_column(_plain(name), quantity, SurveyUnits())
 
 
 def is_column(name: str, machine: Machine) -> bool:
     """Whether a column of a raw file may have this name."""
     joint = name.removeprefix(READ_BACK) in [n for j in machine.joints for n in j.columns]
-    return name in LABELS or joint or is_survey_column(name, machine)
+    return name in LABELS or joint or is_survey_column(reading_of(name)[0], machine)
 
 
 def _check_units(entry: RawEntry, columns: Mapping[str, Any]) -> None:
@@ -174,22 +189,23 @@ def _check_units(entry: RawEntry, columns: Mapping[str, Any]) -> None:
 
 def _unit_read(entry: RawEntry, machine: Machine, name: str, stated: str) -> str:
     """The unit as which a column is read: said of it, stated in the file, said of its kind, or the usual one."""
-    quantity = quantity_of(name.removeprefix(READ_BACK), machine) or ""
+    quantity = quantity_of(_plain(name), machine) or ""
     kind = entry.units.get(quantity, "") if not stated and name not in entry.units else ""
     return unit_word(entry.units.get(name, stated or kind or _usual(name, machine)))
 
 
 def _converted(entry: RawEntry, machine: Machine, name: str, column: Any, unit: str) -> Any:
     """A column in `unit` in the unit that a survey's table has by default."""
-    quantity = quantity_of(name.removeprefix(READ_BACK), machine)
+    quantity = quantity_of(_plain(name), machine)
     if name.startswith("dir_") and column.dtype.kind != "f":
         return sides(column, lambda row: f"{entry.path}, row {row + 1}, column {name}")
     if quantity is None or column.dtype.kind != "f":
         return column
-    usual = unit_of_column(name.removeprefix(READ_BACK), quantity, SurveyUnits())
+    usual = unit_of_column(_plain(name), quantity, SurveyUnits())
     if not is_unit(unit, quantity):
         where = f"{entry.path}, column {name}"
-        cure = f"Say it with units: {{{name}: ..}}, a unit of {quantity}, such as {UNIT_EXAMPLES[quantity]}"
+        such = 'arcsec, if " are seconds of arc' if (quantity, unit) == ("angle", "inch") else UNIT_EXAMPLES[quantity]
+        cure = f"Say it with --units {name}=.. (units: of the map), a unit of {quantity}, such as {such}"
         raise InputError(where, f"the unit '{unit}'", cure)
     if unit == usual:
         return column
@@ -209,6 +225,8 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
         pairs.check_commands(len(commands.frame), entry.commands.path)
     read = [mapped(log, folder, machine) for log in logs]
     table, lines = joined(measured, commands, pairs, entry.targets, machine, entry.path)
+    if entry.axes == "tool":
+        table = in_reference(table, machine, entry.path)
     if entry.observation:
         table[OBSERVATION] = entry.observation
     for log, recording in zip(logs, read, strict=True):
@@ -219,7 +237,10 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
     own = as_table(table, measured.dated, entry.path, lines, machine)
     read_as = {} if commands is None else {n: r._replace(option="--command-units") for n, r in commands.read_as.items()}
     read_as |= measured.read_as
-    return replace(own, notes=notes, units=units, read_as={n: r for n, r in read_as.items() if n in table})
+    read_as = {n: r for n, r in read_as.items() if n in table}
+    sigmas = {"sigma", *SIGMA_COLUMNS, *READING_UNCERTAINTIES}
+    scatter = bool(sigmas & {*table}) and not sigmas & {*measured.frame}
+    return replace(own, notes=notes, units=units, read_as=read_as, scatter=scatter)
 
 
 def joined(
@@ -274,62 +295,6 @@ def joined(
     return frame, lines
 
 
-def averaged(frame: pd.DataFrame, first: Index, last: Index) -> pd.DataFrame:
-    """Means of rows `first` to `last` (from 0); the scatter of positions becomes their standard uncertainty.
-
-    It is the standard deviation of a reading, not of their mean: what is slower than a dwell (air, the instrument's own
-    drift) does not average out in it. Of fewer than `FEW_READINGS` it is that of all poses together.
-    """
-    import pandas as pd
-
-    if (first == last).all():
-        return frame.iloc[first].reset_index(drop=True)
-    out: dict[str, Any] = {}
-    for name in frame:
-        column = frame[name]
-        if column.dtype.kind == "f" and name not in ORIENTATION:
-            values = column.to_numpy(dtype=np.float64)
-            out[str(name)] = np.array([_mean(values[a : b + 1]) for a, b in zip(first, last, strict=True)])
-        else:
-            out[str(name)] = column.iloc[first].reset_index(drop=True)
-    if ORIENTATION[0] in frame:
-        turned = [
-            _mean_rotation(frame[list(ORIENTATION)].to_numpy()[a : b + 1]) for a, b in zip(first, last, strict=True)
-        ]
-        out |= dict(zip(ORIENTATION, np.array(turned).T, strict=True))
-    for name, sigma in zip((*MEASURED, *READINGS), (*SIGMA_COLUMNS, *READING_UNCERTAINTIES), strict=True):
-        if name not in frame:
-            continue
-        values = frame[name].to_numpy(dtype=np.float64)
-        parts = [values[a : b + 1] for a, b in zip(first, last, strict=True)]
-        stated = np.asarray(out[sigma], dtype=np.float64) if sigma in out else np.zeros(len(parts))
-        found = np.hypot(np.nan_to_num(stated), scatter(parts))
-        if (found > 0).any():  # readings that repeat to the last digit have the scatter of the best others
-            out[sigma] = np.where(found > 0, found, found[found > 0].min())
-    return pd.DataFrame(out)
-
-
-def _mean(values: Array) -> float:
-    finite = values[np.isfinite(values)]
-    return float(finite.mean()) if len(finite) else float("nan")
-
-
-def _mean_rotation(vectors: Array) -> Array:
-    from scipy.spatial.transform import Rotation
-
-    whole = vectors[np.isfinite(vectors).all(axis=1)]
-    return Rotation.from_rotvec(whole).mean().as_rotvec() if len(whole) else np.full(3, np.nan)
-
-
-def scatter(parts: Sequence[Array]) -> Array:
-    """Standard deviation of a reading in each part (a list of readings), (n,)."""
-    parts = [p[np.isfinite(p)] for p in parts]
-    free = np.array([max(len(p) - 1, 0) for p in parts])
-    squares = np.array([float(np.sum((p - p.mean()) ** 2)) if len(p) else 0.0 for p in parts])
-    pooled = float(np.sqrt(squares.sum() / max(free.sum(), 1)))
-    return np.where(free >= FEW_READINGS - 1, np.sqrt(squares / np.maximum(free, 1)), pooled)
-
-
 def _with_tools(frame: pd.DataFrame, targets: Mapping[str, Sequence[float]], name: str) -> pd.DataFrame:
     import pandas as pd
 
@@ -361,7 +326,7 @@ def with_log(table: pd.DataFrame, dated: bool, recording: Recording, log: LogEnt
             raise InputError(of, "no time, by which a log is joined", "Say columns: {time: ..}, or leave the log out")
     if dated != recording.dated and not log.offset:
         found = f"{log.path if recording.dated else name} has dates, {name if recording.dated else log.path} seconds"
-        raise InputError(log.path, found, "Say what to add to its times: offset: (s) in survey.yaml, or --log-offset")
+        raise InputError(log.path, found, _add(table["time"], recording.frame["time"]))
     when = table["time"].to_numpy(dtype=np.float64)
     clock = recording.frame["time"].to_numpy(dtype=np.float64) + log.offset
     channels = [str(c) for c in recording.frame if str(c).startswith(("T_", "w_")) or c in ("feed", "load")]
@@ -371,7 +336,7 @@ def with_log(table: pd.DataFrame, dated: bool, recording: Recording, log: LogEnt
     if not inside.any():
         found = f"it runs from {_moment(np.nanmin(clock), dated)} to {_moment(np.nanmax(clock), dated)}, "
         found += f"the measurements from {_moment(np.nanmin(when), dated)} to {_moment(np.nanmax(when), dated)}"
-        raise InputError(log.path, found, "Say what to add to its times: offset: (s) in survey.yaml, or --log-offset")
+        raise InputError(log.path, found, _add(table["time"], recording.frame["time"]))
     out = table.copy()
     for channel in channels:
         values = recording.frame[channel].to_numpy(dtype=np.float64)
@@ -382,8 +347,17 @@ def with_log(table: pd.DataFrame, dated: bool, recording: Recording, log: LogEnt
     return out
 
 
+def _add(when: pd.Series[Any], clock: pd.Series[Any]) -> str:
+    """What to write so that the times of a log are those of the measurements."""
+    together = float(np.nanmin(when) - np.nanmin(clock))
+    return (
+        "Say what to add to its times: offset: (s) in survey.yaml, or --log-offset; "
+        f"{together:.10g} lays its first row on the first measurement"
+    )
+
+
 def _moment(seconds: float, dated: bool) -> str:
-    return str(np.datetime64(round(seconds), "s")) if dated else f"{seconds:g} s"
+    return str(np.datetime64(round(seconds), "s")) if dated else f"{seconds:.10g} s"
 
 
 def as_table(frame: pd.DataFrame, dated: bool, name: str, lines: tuple[int, ...], machine: Machine) -> RawTable:

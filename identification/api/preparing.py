@@ -28,12 +28,15 @@ def import_survey(
     command_units: Mapping[str, str] | None = None,
     format: str = "",  # noqa: A002  the word of survey.yaml
     command_format: str = "",
+    sheet: str = "",
     dates: Literal["", "day-first", "month-first"] = "",
     joint: str = "",
     offsets: Sequence[str] = (),
     at: Sequence[str] = (),
     dialect: str = "auto",
-    observation: str | Mapping[str, object] = "",
+    observation: str | Mapping[str, object] | Sequence[str | Mapping[str, object]] = "",
+    axes: Literal["reference", "tool"] = "reference",
+    leave_out: Sequence[str] = (),
     dwells: bool = True,
     log_offset: float = 0.0,
     centre: Mapping[str, float] | None = None,
@@ -61,14 +64,22 @@ def import_survey(
         Units by kind or by our column, where the file does not state them.
     format, command_format : str
         Raw formats; empty: recognised by their content.
+    sheet : str
+        Of a workbook that has it; empty: the first that is no cover sheet.
     dates : {"", "day-first", "month-first"}
         Where a file does not show the order of day and month.
     joint : str
         The joint that a file of readings of one joint is about.
     offsets, at, dialect : of an NC programme, as for `compensate`.
-    observation : str or dict
+    observation : str, dict or list of these
         What single readings (lengths, angles) are of: a type of ``observations:``, alone or with keys behind it
-        (``"line-angle, axis: [0, 1, 0]"``).
+        (``"line-angle, axis: [0, 1, 0]"``); of one file or label, with it before ``=``
+        (``"A=station-distance, near: [0, 0, 500]"``).
+    axes : {"reference", "tool"}
+        Of ``mx my mz``: the machine's reference (the table's where the chain begins with it), or those of the last
+        frame, of a nest in the spindle that reads along its own.
+    leave_out : list of str
+        Rows of raw files that count for nothing: ``"27,41-45"``, of one of several files ``"tracker.csv:27"``.
     dwells : bool
         Whether dwells are looked for in a continuous log, and averaged.
     log_offset : float
@@ -94,7 +105,8 @@ def import_survey(
         A file cannot be read, or what was measured does not follow the commands: then it says what fits instead.
     """
     from identification.importing.importing import import_files
-    from identification.importing.reading_pairs import observation_of
+    from identification.importing.leaving_out import rows_of
+    from identification.importing.reading_pairs import observations_of
     from identification.importing.sources import Wishes, circle_of, parse_columns
     from identification.results.import_result import ImportResult
 
@@ -108,7 +120,8 @@ def import_survey(
     wishes = Wishes(
         mapping(columns, "--columns"), mapping(command_columns, "--command-columns"), dict(units or {}),
         dict(command_units or {}), format, command_format, dates, joint, tuple(offsets), tuple(at), dialect, match,
-        dwells, log_offset, circle, observation_of(observation),
+        dwells, log_offset, circle, observations_of(observation), axes, sheet,
+        rows_of(leave_out),
     )  # fmt: skip
     with progress("Reading and joining"):
         command_file = None if commands is None else Path(commands)

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 @click.option("--command-units", multiple=True, metavar="COLUMN=UNIT,...", help="The same of --commands.")
 @click.option("--format", "form", default="", help="Raw format of RAW. [default: recognised]")
 @click.option("--command-format", default="", help="Raw format of --commands. [default: recognised]")
+@click.option("--sheet", default="", help="Of a workbook. [default: the first that is no cover sheet]")
 @click.option("--dates", type=click.Choice(["day-first", "month-first"]), help="Where a file does not show it.")
 @click.option("--joint", default="", help="Joint of a file of readings of one joint.")
 @click.option(
@@ -56,10 +57,19 @@ if TYPE_CHECKING:
 @click.option("--at", "after", multiple=True, help="Where axes stand in a programme: start=X0,Y0 or G28=Z0 (mm, deg).")
 @click.option(
     "--observation",
-    default="",
-    metavar="TYPE[, KEY: VALUE, ...]",
-    help="What single readings of RAW are, in one line as in survey.yaml: its type, and 'axis: [0, 1, 0]' or the like.",
+    multiple=True,
+    metavar="[LABEL=]TYPE[, KEY: VALUE, ...]",
+    help="What single readings of RAW are, in one line as in survey.yaml: its type, and 'axis: [0, 1, 0]' or the like; "
+    "of one file or column with its name before: 'A=TYPE, near: [0, 0, 500]'.",
 )
+@click.option(
+    "--axes",
+    type=click.Choice(["reference", "tool"]),
+    default="reference",
+    show_default=True,
+    help="Of mx my mz: tool, of a nest in the spindle that reads along its own axes.",
+)
+@click.option("--leave-out", multiple=True, metavar="[RAW:]ROWS", help="Rows that count for nothing: 27,41-45.")
 @click.option("--no-dwells", is_flag=True, help="Every row is a reading: no dwells are looked for.")
 @click.option("--log-offset", type=float, default=0.0, help="Seconds to add to the times of a temperature log.")
 @click.option("--centre", multiple=True, metavar="JOINT=..,...", help="Of a ballbar's circle: X=0,Y=0,Z=300 (mm, deg).")
@@ -78,12 +88,15 @@ def import_(
     command_units: tuple[str, ...],
     form: str,
     command_format: str,
+    sheet: str,
     dates: Literal["day-first", "month-first"] | None,
     joint: str,
     dialect: str,
     offsets: tuple[str, ...],
     after: tuple[str, ...],
-    observation: str,
+    observation: tuple[str, ...],
+    axes: Literal["reference", "tool"],
+    leave_out: tuple[str, ...],
     no_dwells: bool,
     log_offset: float,
     centre: tuple[str, ...],
@@ -103,9 +116,9 @@ def import_(
         raw, read_model(machine), commands=commands, match=match, columns=columns,
         units=_pairs(units, "--units"), command_columns=command_columns,
         command_units=_pairs(command_units, "--command-units"), format=form, command_format=command_format,
-        dates=dates or "", joint=joint, offsets=offsets, at=after, dialect=dialect, observation=observation,
-        dwells=not no_dwells, log_offset=log_offset, centre=_positions(centre), plane=plane, radius=radius,
-        start=start, seed=seed, progress=working,
+        sheet=sheet, dates=dates or "", joint=joint, offsets=offsets, at=after, dialect=dialect,
+        observation=observation, axes=axes, leave_out=leave_out, dwells=not no_dwells, log_offset=log_offset,
+        centre=_positions(centre), plane=plane, radius=radius, start=start, seed=seed, progress=working,
     )  # fmt: skip
     show_notes(result.notes)
     result.save(out)

@@ -176,7 +176,7 @@ def noise_notes(fit: Fit) -> Iterator[str]:
                 f"noise of a reading of {1e6 * sigma:.2g} nm, {kind}: no instrument repeats to that. Check the unit of "
                 "the readings (units of survey.yaml)"
             )
-    if not s.declared or s.dof <= 0 or s.chi2 <= 0:
+    if not fit.declared or s.dof <= 0 or s.chi2 <= 0:
         return
     from scipy.special import chdtr
 

@@ -38,9 +38,10 @@ from identification.runtime.blas import one_blas_thread
 # so much that the others were ignored; by judgement
 LEAST_NOISE_RATIO = 1e-4
 ILL_CONDITIONED = 1e4  # condition number above which normal equations keep fewer than eight digits
+WELL_CONDITIONED = 1e5  # the same, up to which they give a residual to six digits
 MOST_PASSES = 30  # streams through the data
 MOST_RETREATS = 6  # restarts with a tighter prior after divergence
-RUNAWAY_ERROR_SHARE = 0.003  # prior std of error motions over the machine's size, after divergence; by judgement
+IMPLAUSIBLE_SHARE = 0.003  # of the machine's size: no machine has rigid error motions beyond it; by judgement
 LINEAR_SHARE = 0.1  # movement of the tip over the machine's size up to which M hardly changes; by judgement
 
 
@@ -175,22 +176,23 @@ class Solver:
     def run(self) -> Solution:
         start = self.pass_(np.zeros(len(self.unknowns)), None, gram=True)
         seen = self.observed(thorough=False)
-        # normal equations of positions need well-separated columns; for readings a triangular factor is used, down to
-        # a smaller threshold
-        least = DEPENDENCE_TOLERANCE if self.of_tool else 1e-5 * DEPENDENCE_TOLERANCE
+        # positions need well-separated columns for normal equations; readings have a triangular factor
+        least = (1.0 if self.of_tool else 1e-5) * DEPENDENCE_TOLERANCE
         groups = find_groups(*seen, least=least)
         if self.missed(groups, start):
             seen = self.observed(thorough=True)
             groups = find_groups(*seen, least=least)
-        self.update_noise(start, groups)
+        # of nearly dependent columns normal equations give no residual: the noise would come out as nothing
+        sound = groups if groups.condition < WELL_CONDITIONED else find_groups(*seen, least=1 / WELL_CONDITIONED)
+        self.update_noise(start, sound)
         floors = self.floors(start)
         beforehand, whole, within = self.precision, self.of_its_size(seen[2]), np.inf
         for _ in range(MOST_RETREATS):
             if not (floors.direction < groups.margin.direction and floors.lever < groups.margin.lever):
                 groups = find_groups(*seen, floors, least)
             # a factor is of the linear model; steps of normal equations that lost digits come again until none is left
-            bad = groups.condition > 1 / DEPENDENCE_TOLERANCE
-            solve = self.by_factor if bad and not self.of_tool else self.iterate
+            bad = groups.condition > 1 / DEPENDENCE_TOLERANCE and not self.of_tool
+            solve = self.by_factor if bad else self.iterate
             values, sums, passes, converged = solve(groups, start)
             reach = (np.sqrt(whole) * np.abs(values)).max(initial=0.0)  # of error motions at the tip
             if (
@@ -201,7 +203,7 @@ class Solver:
                 break
             # the step along a weakly observable direction left the linear range: error motions get a prior of
             # physical size, which is tightened at each restart
-            within = min(0.3 * within, RUNAWAY_ERROR_SHARE)
+            within = min(0.3 * within, IMPLAUSIBLE_SHARE)
             self.precision = beforehand + whole / within**2
             self.taken = np.zeros(len(self.unknowns))
             self.update_noise(start, groups)
@@ -265,16 +267,18 @@ class Solver:
     def floors(self, sums: dict[Kind, Sums]) -> Floors:
         """Thresholds of the rank by the noise: least singular value and least norm of a column.
 
-        A direction is dropped if its standard uncertainty exceeds a tenth of the machine's size. A column is dropped if
-        one millimetre of it (at the end of the travel, with the longest lever) stays below the noise and less than a
-        thousandth of it is observed: unmeasured motions show only through the tilt of the frame.
+        A direction is dropped if its standard uncertainty exceeds any plausible error: a share of the machine's size,
+        or what its points lie off the nominal machine if that is more. A column is dropped if one millimetre of it (at
+        the end of the travel, with the longest lever) stays below the noise and less than a thousandth of it is
+        observed: unmeasured motions show only through the tilt of the frame.
         """
-        views = [v for v in self.views if v.of_tool and not v.turns and sums[v.kind].count]
-        if not views:
+        if not (views := [v for v in self.views if v.of_tool and not v.turns and sums[v.kind].count]):
             return Floors()
-        # standard uncertainty, mm, of a common shift of all rows
+        off = float(np.sqrt(sum(sums[k].square for k in {v.kind for v in views}) / sum(map(weight_of, views))))
+        # of a common shift of all rows, mm
         shift = float(self.each * sum(weight_of(v) / self.sigma[v.kind] ** 2 for v in views)) ** -0.5
-        return Floors(direction=shift / (LINEAR_SHARE * self.chain.size), lever=min(1e-3, shift))
+        plausible = max(IMPLAUSIBLE_SHARE * self.chain.size, off)
+        return Floors(direction=shift / plausible, lever=min(1e-3, shift))
 
     def of_its_size(self, full: Array) -> Array:
         """Precision (unknowns,) of rigid error motions whose prior moves the tip by the machine's size.
@@ -384,8 +388,8 @@ class Solver:
                 if inverse is not None:
                     used = float(np.sum(inverse * own.gram[pick])) / self.sigma[kind] ** 2
                 free = own.count - used
-                floor = 1e-30 * max(own.square, 1e-30)
-                self.sigma[kind] = float(np.sqrt(max(square, floor) / max(free, 1e-3)))
+                square = max(square, 1e-30 * max(own.square, 1e-30))
+                self.sigma[kind] = float(np.sqrt(square / max(free, 1e-3)))
             # noise-free angles beside noisy positions would make the normal equations singular
             turning = {v.kind for v in self.views if v.turns}
             reach = {kind: self.chain.size if kind in turning else 1.0 for kind in open_kinds}

@@ -21,7 +21,7 @@ from identification.estimation.noise import Noise
 from identification.estimation.outliers import Outlier, Sorting
 from identification.estimation.readings import Readings
 from identification.observation.assembly import Problem
-from identification.observation.models import PositionView, View
+from identification.observation.models import Kind, PositionView, View
 from identification.observation.normal_equations import view_vector
 from identification.observation.pose import Pose
 
@@ -151,11 +151,21 @@ class Fit:
         return position_sigma(self.problem.views, self.solution)
 
     @property
+    def declared(self) -> frozenset[Kind]:
+        """Kinds whose noise is declared: none where rows are means, with the scatter of their readings for weights."""
+        return frozenset() if self.survey.scatter else self.solution.declared
+
+    @property
     def inflation(self) -> float:
-        """Birge ratio, a factor on standard uncertainties: above 1 if chi-squared rejects the declared noise at 1 %."""
+        """Birge ratio, a factor on standard uncertainties: above 1 if chi-squared rejects the declared noise at 1 %.
+
+        Where rows only have the scatter of single readings for weights, it gives the noise of their means.
+        """
         s = self.solution
         if not s.declared or s.dof <= 0:
             return 1.0
+        if self.survey.scatter:
+            return float(np.sqrt(s.chi2 / s.dof))
         from scipy.special import chdtrc
 
         return float(np.sqrt(s.chi2 / s.dof)) if chdtrc(s.dof, s.chi2) < 0.01 else 1.0
@@ -167,7 +177,7 @@ class Fit:
         Two of them then cover 95.45 % (Student's t). A posterior and declared noise need none.
         """
         s = self.solution
-        known = self.posterior is not None or (s.declared == set(s.sums) and self.inflation == 1)
+        known = self.posterior is not None or (self.declared == set(s.sums) and self.inflation == 1)
         return 1.0 if known else coverage_of(s.dof)
 
 

@@ -18,8 +18,8 @@ PAUSE = 5.0  # times the usual interval of a recording
 NEAR = 0.25  # of the usual time between two poses: so near does a reading lie at its command
 FEWEST = 3  # readings behind a jump
 CURE = (
-    "Import the rows before and behind as two files, or leave the times out: --columns time=- and, where the numbers "
-    "agree, --match order"
+    "Import the rows before and behind by themselves (--leave-out), or leave the times out: --columns time=- and, "
+    "where the numbers agree, --match order"
 )
 
 

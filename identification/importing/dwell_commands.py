@@ -10,16 +10,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from errormodel.arrays import Array, Index
+from errormodel.arrays import Array, Index, Mask
 from errormodel.chain import Chain
+from errormodel.exceptions import InputError
 from errormodel.machine import Machine
+from errormodel.nominal import Nominal
 from identification.importing.dwells import Dwells, find_dwells
-from identification.importing.geometry import Nominal
 from identification.importing.matching import DENSE, Matched
 from identification.importing.sources import SourceFile
 from identification.importing.words import LISTED, counted, row_ranges
 
 ONE_PLACE = 1.0  # mm that commands reach: of an R-test on one ball they differ by the rounding of the axes only
+FEWEST = 5  # dwells, to say so of a whole part of a log
+MOSTLY = 0.8  # of its dwells
 STAYS = 1e-4  # of a joint's travel: so far may it move within a dwell, as it was read back; by judgement
 
 
@@ -80,7 +83,7 @@ def rests_of(commands: SourceFile, chain: Chain) -> Index | None:
 
 
 def left_moving(
-    matched: Matched, path: Array, command_times: Array, when: Array, dwells: Dwells
+    matched: Matched, path: Array, command_times: Array, when: Array, dwells: Dwells, name: str
 ) -> tuple[Matched, list[str]]:
     """Dwells joined by time to a log of the way, without those in which the commands move: no rest, but a turn.
 
@@ -88,6 +91,12 @@ def left_moving(
     ----------
     path : (m, 3) nominal points at the commands, mm; command_times : (m,) s.
     when : (n,) s, of all readings.
+    name : of their file, for messages.
+
+    Raises
+    ------
+    InputError
+        They are all those from one row on, or up to one: there the clocks do not belong together.
     """
     own = matched.command >= 0
     if matched.offset is None or len(path) <= DENSE * len(dwells):
@@ -95,15 +104,29 @@ def left_moving(
     ends = np.array(_middles(dwells), dtype=np.intp).clip(0, len(when) - 1)
     low, high = (np.searchsorted(command_times, when[k] - matched.offset, side="right") - 1 for k in ends.T)
     far = STAYS * float(np.ptp(path, axis=0).max())
-    moved = np.array(
-        [float(np.ptp(path[max(a, 0) : b + 1], axis=0).max(initial=0.0)) for a, b in zip(low, high, strict=True)]
-    )
+    parts = [path[max(a, 0) : b + 1] for a, b in zip(low, high, strict=True)]  # empty outside the log
+    moved = np.array([float(np.ptp(p, axis=0).max()) if len(p) else 0.0 for p in parts])
     moving = own & (moved > far)
     if not moving.any() or moving.sum() > own.sum() / 2:  # most of them: the machine is late, or its commands are
         return matched, []
     rows = np.column_stack([dwells.first, dwells.last])[moving]
+    _refuse_all_from_one(moving[own], rows, name)
     text = f"left out: {counted(len(rows), 'dwell')} in which the commands move ({row_ranges(rows)})"
     return replace(matched, command=np.where(moving, -1, matched.command)), [text]
+
+
+def _refuse_all_from_one(moving: Mask, rows: Index, name: str) -> None:
+    """InputError where the dwells in which the commands move are the last of a log, or the first."""
+    count = int(moving.sum())
+    last, first = moving[-count:].mean() > MOSTLY, moving[:count].mean() > MOSTLY
+    if count < FEWEST or not (last or first):
+        return
+    what = f"from row {rows[0, 0] + 1} on" if last else f"up to row {rows[-1, 1] + 1}"
+    raise InputError(
+        name,
+        f"{count} dwells {what}, nearly all there are, lie where the commands move: a clock was set there",
+        "Import both parts by themselves, each with the rows of the other left out: --leave-out",
+    )
 
 
 def suspects(dwells: Dwells, commands: int) -> str:

@@ -41,6 +41,6 @@ def far_rows(survey: Survey, rows: Index, distance: Array, foreign: float) -> In
             f"{files}, joined rows {named}",
             f"{len(elsewhere)} of {len(distance)} points lie {least:.3g} to {most:.3g} mm from their commands, where "
             f"most lie within {2 * usual:.2g} mm{clock}",
-            "See which commands were driven then. Import both parts by themselves, or join by another --match",
+            "See what was driven then. Import both parts by themselves (--leave-out), or join by another --match",
         )
     return rows[distance > WILD * max(float(np.median(distance)), 1e-3)]

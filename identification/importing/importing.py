@@ -16,14 +16,16 @@ from errormodel.exceptions import InputError
 from errormodel.files import write_bytes_atomic
 from errormodel.inputs import running
 from errormodel.machine import Machine
+from errormodel.nominal import Nominal
 from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.survey import Survey, read_survey
 from errormodel.surveys.file import SURVEY_FILE
 from errormodel.surveys.pairs import PairTable
 from errormodel.surveys.plausibility import near_travel
 from identification.importing.clock_jumps import refuse_backwards, unordered_times
+from identification.importing.end_points import computed_notes
 from identification.importing.exchanged_rows import CURE as FOUND_CURE
-from identification.importing.geometry import Nominal
+from identification.importing.leaving_out import without_rows
 from identification.importing.near_causes import other_cause
 from identification.importing.nearest import find_pairing
 from identification.importing.other_orders import CURE
@@ -105,6 +107,7 @@ def import_files(
     kind: Kind = "whole" if commanded is None else "measured"
     sources = [open_source(path, machine, kind, wishes, len(raws) > 1) for path in raws]
     refuse_unused(wishes, sources, commanded)
+    sources = without_rows(sources, wishes.leave_out)
     chain = Chain(machine)
     points = [s for s in sources if s.what == "points"]
     motions = [s for s in sources if s.what == "motions"]
@@ -151,9 +154,10 @@ def import_files(
         warnings.append(proof.one_place.text)
     if warning := ball_notes(traces)[1]:
         warnings.append(warning)
+    places = set_ups(chain, survey, readings)
+    warnings += computed_notes(survey, places.lengths)
     if warnings:
         survey, files = _with_notes(warnings, survey, files)
-    places = set_ups(chain, survey, readings)
     everything = (
         *points, *single, *motions, *(t.source for t in traces), *logs, *([commanded] if commanded else []),
     )  # fmt: skip
@@ -304,6 +308,8 @@ def _files(
             files[name] = PairTable(name, own.command, own.first, own.last, own.start, own.run).text().encode()
         if own.targets:
             entry["targets"] = {name: list(place) for name, place in own.targets.items()}
+        if number <= len(points) and wishes.axes == "tool":
+            entry["axes"] = wishes.axes
         if id(source) in labels:
             entry["observation"] = labels[id(source)]
         entries.append(entry)

@@ -21,6 +21,9 @@ from identification.importing.clock_jumps import (
 )
 from identification.observation.frames import align
 
+ALIKE = 0.3  # least correlation of two speeds
+PEAKS = 5  # offsets at which the paths are laid on each other
+APART = 3  # steps between two of them
 OVERLAP = 0.3  # of the shorter of two logs must lie within the other
 NAMED = 0.5  # of the measured points must have a name that a command has, for the names to count
 DENSE = 4.0  # commands a reading, from which on they are a log of the way and no list of poses
@@ -197,18 +200,24 @@ def speed_offset(path: Array, command_times: Array, points: Array, when: Array) 
     A speed is the same in every frame. The correlation of both gives the offset to an interval of the slower clock, the
     alignment of the interpolated path then to a fraction of it. None where they do not correlate.
     """
-    found = _rough_offset(path, command_times, points, when)
-    if found is None:
-        return None
-    rough, step = found
+    rough, step = _rough_offsets(path, command_times, points, when)
     good = np.isfinite(points).all(axis=1) & np.isfinite(when)
-    return _refined(path, command_times, points[good], when[good], rough, 2 * step)
+    refined = [_refined(path, command_times, points[good], when[good], r, 2 * step) for r in rough]
+    return min(refined, key=lambda f: f[1])[0] if refined else None
 
 
 def _rough_offset(
     path: Array, command_times: Array, points: Array, when: Array, inside: float = OVERLAP
 ) -> tuple[float, float] | None:
-    """The offset by the correlation of both speeds, and how near it is, s; None where they do not correlate.
+    """The offset of the highest correlation, and how near it is, s; None where the speeds do not correlate."""
+    rough, step = _rough_offsets(path, command_times, points, when, inside)
+    return (rough[0], step) if rough else None
+
+
+def _rough_offsets(
+    path: Array, command_times: Array, points: Array, when: Array, inside: float = OVERLAP
+) -> tuple[list[float], float]:
+    """Offsets by the correlation of both speeds, the highest first, and how near they are, s.
 
     At least `inside` of the shorter recording lies within the other.
     """
@@ -221,15 +230,18 @@ def _rough_offset(
     step = max(step, longest / GRID)
     one, other = _speed(path, command_times, step), _speed(points, when, step)
     if one.std() == 0 or other.std() == 0:
-        return None
+        return [], step
     a, b = one - one.mean(), other - other.mean()
     overlap = correlate(np.ones(len(b)), np.ones(len(a)), mode="full")
     alike = correlate(b, a, mode="full") / (a.std() * b.std())
     share = np.where(overlap > inside * min(len(a), len(b)), alike / np.maximum(overlap, 1), -1.0)
-    at = int(np.argmax(share))
-    if share[at] < 0.3:
-        return None
-    return (at - (len(a) - 1)) * step + float(when[0] - command_times[0]), step
+    places: list[int] = []
+    for at in np.argsort(-share):
+        if share[at] < ALIKE or len(places) == PEAKS:
+            break
+        if all(abs(int(at) - other) > APART for other in places):
+            places.append(int(at))
+    return [(at - (len(a) - 1)) * step + float(when[0] - command_times[0]) for at in places], step
 
 
 def _speed(points: Array, when: Array, step: float) -> Array:
@@ -238,8 +250,13 @@ def _speed(points: Array, when: Array, step: float) -> Array:
     return np.diff(np.interp(grid, when, way)) if len(grid) > 2 else np.zeros(1)
 
 
-def _refined(path: Array, command_times: Array, points: Array, when: Array, rough: float, width: float) -> float:
-    """The offset within `width` of a rough one at which the paths lie on each other best (golden section)."""
+def _refined(
+    path: Array, command_times: Array, points: Array, when: Array, rough: float, width: float
+) -> tuple[float, float]:
+    """The offset within `width` of a rough one at which the paths lie on each other best, and how far off, mm.
+
+    By golden section.
+    """
     every = slice(None, None, max(1, len(points) // 2000))
     own, at = points[every], when[every]
 
@@ -261,4 +278,4 @@ def _refined(path: Array, command_times: Array, points: Array, when: Array, roug
             high = right
         else:
             low = left
-    return (low + high) / 2
+    return (low + high) / 2, miss((low + high) / 2)

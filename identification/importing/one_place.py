@@ -2,20 +2,23 @@
 
 All commands take the functional point to one place, so that every order, sign and hand of the points fits the nominal
 machine alike. Errors that the machine declares make a pattern over the poses; the readings are fitted to it (linear
-least squares) as they stand, shifted by rows, and with columns turned or exchanged. All signs turned at once make the
-pattern of all errors turned, and can never be known.
+least squares) as they stand, shifted by rows, with columns turned or exchanged, and along other axes. All signs turned
+at once make the pattern of all errors turned, and can never be known.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
+from errormodel.nominal import Nominal
+from errormodel.simulation import outward
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED
 from identification.diagnosis.data_checks.blunder import Points
@@ -26,16 +29,25 @@ from identification.observation.models import PositionView
 FEWEST = 8  # rows, to fit anything
 BESIDE = 2.0  # readings a determined group of parameters: fewer let any order fit; by judgement
 CLEAR = 3.0  # times the residual as they stand: what fits so much worse is excluded; so much better, the truth
+BETTER = 1.5  # times the residual as they stand: what fits so much better is said
 MOST_SHIFTED = 10  # rows
-RANK = 1e-7  # of the largest singular value, columns of equal norm
+RANK = 1e-3  # of the largest singular value, columns of equal norm: beyond it errors were a thousand times what is seen
 ROUNDS = 4  # of a fit without rows far off
 FAR = 6.0  # times the distance of four in five rows
 CURE = "Give each reading with the command at which it was read, or names of points on both sides"
 
 
+Axes = Literal["reference", "tool"]
+AXES: dict[Axes, str] = {
+    "reference": "the axes of the machine's reference (a table at the beginning of the chain turns them)",
+    "tool": "the axes of the tool (a nest in the spindle)",
+}
+OTHER: dict[Axes, Axes] = {"reference": "tool", "tool": "reference"}
+
+
 @dataclass(frozen=True)
 class OnePlace:
-    """Residuals (um, per degree of freedom) of a linear fit: as they stand, of the best shift, of other columns.
+    """Residuals (um, per degree of freedom) of a linear fit: as they stand, of the best shift, columns, other axes.
 
     NaN where there are too few readings for a fit.
     """
@@ -43,6 +55,8 @@ class OnePlace:
     left_um: float
     shifted_um: float
     turned_um: float
+    other_axes_um: float = np.inf  # where the tool turns against the reference
+    axes: Axes = "reference"  # as they stand
 
     @property
     def text(self) -> str:
@@ -51,18 +65,21 @@ class OnePlace:
             said = f"a fit of the declared errors leaves {self.left_um:.3g} um as they stand"
             said += _beside("shifted by rows", self.shifted_um, self.left_um)
             said += _beside("with one column's sign turned or two exchanged", self.turned_um, self.left_um)
+            if np.isfinite(self.other_axes_um):
+                said += _beside(f"along {AXES[OTHER[self.axes]]}", self.other_axes_um, self.left_um)
         else:
             said = "too few for a fit of the declared errors to say more"
         return (
-            f"all commands take the functional point to one place: the points prove neither the order of the rows nor "
-            f"signs or hand; {said}. Whether all signs are turned cannot be known: they are read as the place of the "
-            "functional point (the tool) in the measuring frame, positive where it stands too far along an axis. If "
-            "they are of the workpiece beside the tool, give mx=-.., my=-.., mz=-.. in --columns"
+            "all commands take the functional point to one place: the points prove neither the order of the rows nor "
+            f"signs, hand or axes; {said}. Whether all signs are turned cannot be known: they are read as the place of "
+            "the functional point (the tool), positive where it stands too far along an axis, along "
+            f"{AXES[self.axes]}. If they are of the workpiece beside the tool, give mx=-.., my=-.., mz=-.. in "
+            f"--columns; if they are along {AXES[OTHER[self.axes]]}, --axes {OTHER[self.axes]}"
         )
 
 
 def _beside(words: str, other: float, own: float) -> str:
-    doubt = "" if other > CLEAR * own else ", which excludes nothing"
+    doubt = "" if other > CLEAR * own else ", which fits better" if BETTER * other < own else ", which excludes nothing"
     return f", {words} {other:.3g} um at least{doubt}"
 
 
@@ -89,7 +106,9 @@ def prove_one_place(chain: Chain, survey: Survey, parts: list[tuple[Index, Point
         return None
     problem = build(chain, survey)
     views = [view for view in problem.views if isinstance(view, PositionView)]
-    found = [_proved(view, rows, survey, problem.unknowns) for rows in own for view in views if _holds(view, rows)]
+    found = [
+        _proved(chain, view, rows, survey, problem.unknowns) for rows in own for view in views if _holds(view, rows)
+    ]
     return max(found, key=lambda f: f.left_um if np.isfinite(f.left_um) else np.inf) if found else None
 
 
@@ -97,10 +116,12 @@ def _holds(view: PositionView, rows: Index) -> bool:
     return bool(np.isin(rows, view.index).all())
 
 
-def _proved(whole: PositionView, rows: Index, survey: Survey, unknowns: tuple[str, ...]) -> OnePlace:
+def _proved(chain: Chain, whole: PositionView, rows: Index, survey: Survey, unknowns: tuple[str, ...]) -> OnePlace:
+    axes: Axes = "tool" if str(survey.table["file"].iloc[rows[0]]) in survey.of_tool else "reference"
     view = whole.part(np.flatnonzero(np.isin(whole.index, rows)))
     design = _design(view, unknowns)
     nominal = view.pose.invert(view.measured) - np.hstack([gap for _, gap in view.gaps(view.at_zero)]).T
+    nominal -= nominal.mean(axis=0)
     seen = view.measured - view.measured.mean(axis=0)
 
     def gap(points: Array, first: int = 0) -> Array:
@@ -109,7 +130,7 @@ def _proved(whole: PositionView, rows: Index, survey: Survey, unknowns: tuple[st
     n = len(rows)
     left, rank = _left(design, gap(seen))
     if n < FEWEST or 3 * n < BESIDE * rank:
-        return OnePlace(np.nan, np.nan, np.nan)
+        return OnePlace(np.nan, np.nan, np.nan, axes=axes)
     file = str(survey.table["file"].iloc[rows[0]])
     shifts: list[tuple[float, int]] = []
     for k in range(1, min(MOST_SHIFTED, n // 4) + 1):
@@ -117,10 +138,14 @@ def _proved(whole: PositionView, rows: Index, survey: Survey, unknowns: tuple[st
         shifts.append((_left(design[k:], gap(seen[: n - k], k))[0], -k))
     shifted, rows_late = min(shifts)
     turned, columns = min((_left(design, gap(points))[0], words) for words, points in _columns(seen))
-    best = min(shifted, turned)
+    other = _left(design, gap(_along_other_axes(chain, survey, rows, view.measured, axes)))[0]
+    best = min(shifted, turned, other)
     if best * CLEAR < left:
         by = f"a fit of the declared errors leaves {1e3 * left:.3g} um as they stand, {1e3 * best:.3g} um"
-        if shifted <= turned:
+        if other == best:
+            found = f"readings at one place along {AXES[axes]}: {by} along {AXES[OTHER[axes]]}"
+            raise InputError(file, found, f"If that is how they were measured, say --axes {OTHER[axes]}")
+        if shifted == best:
             late = f"{abs(rows_late)} row{'s' * (abs(rows_late) > 1)} too {'late' if rows_late > 0 else 'early'}"
             raise InputError(file, f"readings at one place that stand {late}: {by} with it put right", CURE)
         found = f"readings at one place of other columns than stated: {by} with {columns}"
@@ -128,7 +153,14 @@ def _proved(whole: PositionView, rows: Index, survey: Survey, unknowns: tuple[st
     at = Points(_predicted(design, gap(seen)) + nominal, gap(seen) + nominal, fixed=True)
     if text := places_changed(at, [int(k) for k in survey.table["row"].iloc[rows]], np.inf):
         raise InputError(file, f"{text}, in a fit of the declared errors", CURE)
-    return OnePlace(1e3 * left, 1e3 * shifted, 1e3 * turned)
+    return OnePlace(1e3 * left, 1e3 * shifted, 1e3 * turned, 1e3 * other, axes)
+
+
+def _along_other_axes(chain: Chain, survey: Survey, rows: Index, measured: Array, axes: Axes) -> Array:
+    """Readings (n, 3) mm as they would be, about their mean, had they been along the other axes than is stated."""
+    turns, _ = Nominal(chain, outward(survey.table.iloc[rows], chain.machine)).flanges()
+    other = np.einsum("nij,nj->ni" if axes == "reference" else "nji,nj->ni", turns, measured)
+    return np.asarray(other - other.mean(axis=0))
 
 
 def _design(view: PositionView, unknowns: tuple[str, ...]) -> Array:

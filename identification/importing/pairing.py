@@ -9,10 +9,11 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
+from errormodel.nominal import Nominal
 from errormodel.surveys.columns import MEASURED
 from identification.importing.dwell_commands import ONE_PLACE, dwells_of, left_moving, rests_of
 from identification.importing.dwells import Dwells
-from identification.importing.geometry import Nominal, fitted_targets, turns_tool
+from identification.importing.geometry import fitted_targets, turns_tool
 from identification.importing.matching import NAMED, Matched, by_name, by_order, by_time, common_names
 from identification.importing.near_causes import refuse_cause
 from identification.importing.nearest import find_pairing
@@ -122,7 +123,9 @@ def pair(source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: 
         found = _match(source, commands, chain, nominal, middle, first, last, points, wishes, seed, rests)
         if dwells is not None and found.offset is not None:
             path = nominal.points(np.asarray(chain.machine.tool))
-            found, more = left_moving(found, path, commands.column("time"), source.column("time"), dwells)
+            found, more = left_moving(
+                found, path, commands.column("time"), source.column("time"), dwells, source.raw.name
+            )
             notes += more
         if rests is not None and not np.isin(found.command[found.command >= 0], rests).all():
             rests = None

@@ -20,6 +20,7 @@ from errormodel.surveys.columns import MEASURED, ORIENTATION
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, groups, misses, sheet
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
+from identification.importing.axes_as_points import refuse_axes_as_points
 from identification.importing.exchanged_rows import CURE, FEWEST_PROVED, refuse_exchanged, refuse_few_exchanged
 from identification.importing.far_rows import far_rows
 from identification.importing.one_place import OnePlace, at_one_place, prove_one_place
@@ -106,6 +107,8 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
         nothing = np.zeros(0, dtype=np.intp)
         return Proof(nothing, empty, empty, np.nan, np.nan, np.nan, 0.0, 0, np.nan, np.nan, nothing, ())
     parts = [(rows, Points.of(chain, sheet(chain, survey.table.iloc[rows]), False)) for rows in groups(survey)]
+    for rows, part in parts:
+        refuse_axes_as_points(machine, survey, rows, part)
     _refuse_mirror(parts, survey)
     _refuse_mistakes(machine, survey, parts)
     one_place = prove_one_place(chain, survey, parts)
@@ -222,6 +225,8 @@ def _cure(text: str) -> str:
         return "The angles are in rad: say it with --command-units angle=rad (of one table, --units angle=rad)"
     if "frame" in text:
         return "Import the files of each station by themselves, or say --columns station=.."
+    if "repeat what earlier rows measured" in text:
+        return "A copy is no reading: leave it out with --leave-out and its rows"
     return "Say it with --columns, such as my=-Y (other sign) or mx=Y,my=X, or with --units; or --command-columns"
 
 

@@ -6,7 +6,8 @@ would read there: several readings a command, several passes, from the first com
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,13 +16,13 @@ import numpy as np
 from errormodel.arrays import Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
+from errormodel.nominal import Nominal
 from errormodel.observations import registry
 from errormodel.observations.base import Observation
 from errormodel.surveys.columns import OBSERVATION
 from errormodel.yamlfile import parse, validate
 from identification.importing.dwell_commands import at_rows, dwells_of_logs, left_moving, rests_of, suspects
 from identification.importing.dwells import Dwells, find_dwells
-from identification.importing.geometry import Nominal
 from identification.importing.matching import NAMED, Matched, by_name, by_time, common_names
 from identification.importing.pairing import Pairs, left_over, reading_notes, rest_notes, row_by_row
 from identification.importing.reading_gaps import with_gaps
@@ -31,20 +32,40 @@ from identification.importing.sources import SourceFile, Wishes
 OPTION = "--observation"
 
 
-def observation_of(said: str | Mapping[str, object]) -> Observation | None:
-    """The observation that the user names: its type, and keys behind it as in ``survey.yaml``; None for nothing.
+LABELLED = re.compile(r"\s*([^\[\]{},:=]+?)\s*=(.*)", re.DOTALL)  # A=station-distance, near: [0, 0, 500]
+
+
+def observations_of(said: str | Mapping[str, object] | Sequence[str | Mapping[str, object]]) -> dict[str, Observation]:
+    """Observations that the user names, by the label of their entries; under "" what holds for all others.
 
     Parameters
     ----------
-    said : ``station-distance``, ``"line-angle, axis: [0, 1, 0]"``, or a mapping.
+    said : ``station-distance``, ``"line-angle, axis: [0, 1, 0]"``, ``"A=station-distance, near: [0, 0, 500]"``, a
+        mapping, or several of them.
 
     Raises
     ------
     InputError
-        There is no such type, or a key is missing or wrong.
+        There is no such type, a key is missing or wrong, one is named twice, or they are of several types.
     """
-    if not said:
-        return None
+    out: dict[str, Observation] = {}
+    for one in [said] if isinstance(said, str | Mapping) else said:
+        match = LABELLED.fullmatch(one) if isinstance(one, str) else None
+        label, own = match.groups() if match else ("", one)
+        if not own:
+            continue
+        if label in out:
+            raise InputError(OPTION, f"{label or 'one for all'} twice", "Write each label once, such as A=TYPE")
+        out[label] = _observation(own)
+    types = {o.type for o in out.values()}
+    if len(types) > 1:
+        found = f"several types: {', '.join(sorted(types))}"
+        raise InputError(OPTION, found, "Import readings of each type apart, and list their files in one survey.yaml")
+    return out
+
+
+def _observation(said: str | Mapping[str, object]) -> Observation:
+    """The observation of a type with keys behind it, as in ``survey.yaml``."""
     known = registry()
     if isinstance(said, str):
         text = said.strip()
@@ -87,16 +108,25 @@ def own_labels(source: SourceFile) -> list[str]:
 
 
 def pair_readings(
-    source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: Wishes, observation: Observation
+    source: SourceFile,
+    commands: SourceFile | None,
+    chain: Chain,
+    wishes: Wishes,
+    observations: Mapping[str, Observation],
 ) -> Joined:
     """Readings of a file and the command, or the two commands, of each.
+
+    Parameters
+    ----------
+    observations : by the labels that stand in the file; a single one where it has none.
 
     Raises
     ------
     InputError
         They cannot be joined in the way that was asked for, in none, or in several.
     """
-    values = source.column(observation.reading)
+    first = next(iter(observations.values()))
+    values = source.column(first.reading)
     seen = np.isfinite(values)
     if not seen.any():
         raise InputError(source.raw.name, "nothing measured in any row", "Give the file that holds the readings")
@@ -119,7 +149,7 @@ def pair_readings(
             source.recording.frame[OBSERVATION].astype(str).to_numpy() == label if label else np.ones(len(seen), bool)
         )
         part, way, more, own_rests = _part(
-            source, commands, chain, wishes, observation, np.flatnonzero(own_rows), label
+            source, commands, chain, wishes, observations.get(label, first), np.flatnonzero(own_rows), label
         )
         rests = own_rests if own_rests is not None else rests
         parts.append(part)
@@ -180,7 +210,9 @@ def _part(
     if found is not None and found.offset is not None and dwells is not None:
         path = Nominal(chain, commands.recording.frame).points(np.asarray(chain.machine.tool))
         timed = Matched(found.command, found.how, found.offset)
-        timed, more = left_moving(timed, path, commands.column("time"), source.column("time")[rows], dwells)
+        timed, more = left_moving(
+            timed, path, commands.column("time"), source.column("time")[rows], dwells, source.raw.name
+        )
         found = replace(found, command=timed.command)
         notes += more
     if found is not None:

@@ -14,10 +14,10 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
+from errormodel.nominal import Nominal
 from errormodel.observation_kernel import ObservationKernels, kernels_of
 from errormodel.observations.base import Observation, StepError
 from errormodel.surveys.columns import first_pose
-from identification.importing.geometry import Nominal
 from identification.importing.partial import BETTER, FEWEST, FOREIGN, SHIFTS, UNITS
 from identification.importing.sources import SourceFile
 from identification.observation.frames import MACHINE_ERROR_SHARE
@@ -234,6 +234,8 @@ def _none(
         return f"{_size(best)}; {instead[0]}", instead[1]
     if best.why:
         found, _, cure = best.why.partition(". ")
+        if "near:" in cure:
+            cure += f", of one file or label as --observation 'LABEL={observation.type}, near: [x, y, z]'"
         return found, f"{cure}. See that these commands were measured, in this order, and the type of --observation"
     return _size(best), "See that these commands were measured, in this order, and the unit and type of the readings"
 

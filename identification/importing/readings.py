@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from errormodel.chain import Chain
+from errormodel.exceptions import InputError, nearest
+from errormodel.observations.base import Observation
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.readings import Lengths, length_lines, lengths_of, refuse_exchanged
 from identification.importing.pairing import Pairs
@@ -66,16 +68,25 @@ def join_readings(
         They cannot be joined.
     """
     out: list[ReadingFile] = []
-    observation = wishes.observation
-    if observation is None:
+    if not wishes.observations:
         return out
-    entry = observation.model_dump(exclude_defaults=True) | {"type": observation.type}
-    entry = {"type": entry.pop("type"), **entry}
-    for source, label in zip(sources, labels_of([*sources]), strict=True):
+    labels = labels_of([*sources])
+    known = {label for s, own in zip(sources, labels, strict=True) for label in own_labels(s) or [own]}
+    for label in wishes.observations:
+        if label and label not in known:
+            raise InputError("--observation", f"'{label}', which is read nowhere", nearest(label, sorted(known)))
+    for source, label in zip(sources, labels, strict=True):
         own = own_labels(source)
-        joined = pair_readings(source, commands, chain, wishes, observation)
-        out.append(ReadingFile(source, "" if own else label, dict.fromkeys(own or [label], entry), joined))
+        models = {one: wishes.observation_of(one) for one in own or [label]}
+        entries = {one: _entry(model) for one, model in models.items()}
+        joined = pair_readings(source, commands, chain, wishes, models)
+        out.append(ReadingFile(source, "" if own else label, entries, joined))
     return out
+
+
+def _entry(observation: Observation) -> dict[str, Any]:
+    """An entry of ``observations:``, its type first."""
+    return {"type": observation.type, **observation.model_dump(exclude_defaults=True, exclude={"type"})}
 
 
 def set_ups(chain: Chain, survey: Survey, readings: Sequence[ReadingFile]) -> SetUps:

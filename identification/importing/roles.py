@@ -6,8 +6,8 @@ The names are those that laboratories use. What is found is written into ``surve
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
-from typing import Literal
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
 
 from errormodel.machine import Machine
 from errormodel.raw_formats.base import Recording
@@ -16,6 +16,9 @@ from errormodel.raw_formats.sensor_names import sensor_of
 from errormodel.raw_formats.unit_words import without_tail
 from errormodel.surveys.columns import MEASURED, OBSERVATION, is_survey_column
 from errormodel.surveys.raw import LABELS, LEFT_OUT, READ_BACK
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Kind = Literal["measured", "commands", "whole"]
 
@@ -102,6 +105,7 @@ _LABELS = {
     "load": r"load|payload",
     "sigma": r"sigma|std|uncertainty|u",
 }
+_POSITION = r"(target|nominal|soll|ziel|axis|achs)?(pos(ition|itionen)?)|target|nominal|soll(wert)?|consigne|posizione"
 _LETTERS = "XYZUVWABC"  # of joints, in the order of a programme
 _READING = (
     r"(meas(ured)?|raw|ist)?(length|distance|dist|range|displacement|deviation|reading|value|l(ae|\u00e4)nge|abstand|"
@@ -195,7 +199,9 @@ def reading_roles(
         taken = {t.removeprefix("-") for t in out.values()} | {j.name for j in machine.joints}
         free = [n for n in names if n not in taken and recording.frame[n].dtype.kind == "f"]
         free = [n for n in free if not is_survey_column(n, machine) and n not in LABELS]
-        own = [n for n in free if re.fullmatch(_READING, _bare(n))] or [n for n in free if not _counts(recording, n)]
+        own = [n for n in free if re.fullmatch(_READING, _bare(n))] or [
+            n for n in free if not counts(recording.frame[n])
+        ]
         if len(own) != 1:
             return out
         out[reading] = own[0]
@@ -206,11 +212,17 @@ def reading_roles(
     return out
 
 
-def _counts(recording: Recording, name: str) -> bool:
+def counts(column: pd.Series[Any]) -> bool:
     """Whether a column counts rows: 0, 1, 2 ... or 1, 2, 3 ..., as it goes on or begins again."""
-    values = recording.frame[name].to_numpy(dtype=float)
+    values = column.to_numpy(dtype=float)
     steps = values[1:] - values[:-1]
     return len(values) > 1 and bool(((steps == 1) | (steps < 0)).all()) and bool((values == values.round()).all())
+
+
+def position_column(names: Sequence[str]) -> str:
+    """The column of a joint's position in a table of its error motions; empty where none or several may be it."""
+    own = [n for n in names if re.fullmatch(_POSITION, _bare(n))]
+    return own[0] if len(own) == 1 else ""
 
 
 def commands_by_place(recording: Recording, machine: Machine, named: bool) -> dict[str, str]:
@@ -227,7 +239,7 @@ def commands_by_place(recording: Recording, machine: Machine, named: bool) -> di
     else:
         return {}
     own = [str(n) for n in recording.frame if str(n) not in LABELS and recording.frame[n].dtype.kind == "f"]
-    if len(own) == len(order) + 1 and _counts(recording, own[0]):
+    if len(own) == len(order) + 1 and counts(recording.frame[own[0]]):
         own = own[1:]
     theirs, ours = ([re.sub(r"\D", "", name) for name in names] for names in (own, order))
     if len(own) != len(order) or (named and (theirs != ours or not all(ours))):

@@ -24,7 +24,17 @@ from errormodel.surveys.columns import MEASURED, quantity_of
 from errormodel.surveys.file import RawEntry
 from errormodel.surveys.raw import LABELS, LEFT_OUT, READ_BACK, is_column, read_raw, with_map
 from errormodel.units import factor, is_unit
-from identification.importing.roles import Kind, commands_by_place, nominal_and_actual, reading_roles, roles, unused
+from identification.importing.end_points import calibrated, end_points
+from identification.importing.roles import (
+    Kind,
+    commands_by_place,
+    counts,
+    nominal_and_actual,
+    position_column,
+    reading_roles,
+    roles,
+    unused,
+)
 
 SHOWN = 6  # words of a format for its columns, in a message
 FOLDER = "raw"  # of a survey, for the files as they came
@@ -46,7 +56,10 @@ class Wishes:
     dwell : whether dwells are looked for in a continuous log.
     log_offset : s to add to the times of a log.
     circle : the circle that was commanded, of traces without coordinates.
-    observation : what single readings (lengths, angles) are of; None: there are none.
+    observations : what single readings (lengths, angles) are of, by the label of their entry; under "" all others.
+    sheet : of workbooks that have it.
+    leave_out : rows that count for nothing, from 1, by the name of their file; under "" those of the only one.
+    axes : of measured coordinates: "reference", or "tool" of a nest in the spindle.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -64,7 +77,29 @@ class Wishes:
     dwell: bool = True
     log_offset: float = 0.0
     circle: CommandedCircle | None = None
-    observation: Observation | None = None
+    observations: Mapping[str, Observation] = field(default_factory=dict)
+    axes: Literal["reference", "tool"] = "reference"
+    sheet: str = ""
+    leave_out: Mapping[str, Sequence[int]] = field(default_factory=dict)
+
+    @property
+    def observation(self) -> Observation | None:
+        """One of the observations, which are all of one type; None: there are no single readings."""
+        return next(iter(self.observations.values()), None)
+
+    def observation_of(self, label: str) -> Observation:
+        """What readings with a label are of.
+
+        Raises
+        ------
+        InputError
+            Observations are named, and none for this label or all others.
+        """
+        found = self.observations.get(label, self.observations.get(""))
+        if found is None:
+            said = next(iter(self.observations.values())).type
+            raise InputError("--observation", f"nothing of '{label}'", f"Add --observation {said} for all others")
+        return found
 
 
 @dataclass(frozen=True)
@@ -193,22 +228,31 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes, severa
     words = {ours: _placed(path, theirs, [*table.names] if table else []) for ours, theirs in words.items()}
     plain = RawEntry(
         path=str(path), format=form.name, columns=words, units=dict(units), dates=wishes.dates, joint=wishes.joint,
-        offsets=list(wishes.offsets), at=list(wishes.at), dialect=wishes.dialect,
+        offsets=list(wishes.offsets), at=list(wishes.at), dialect=wishes.dialect, sheet=wishes.sheet,
         circle=None if of_commands else wishes.circle,
     )  # fmt: skip
     recording = read_raw(raw, plain, machine)
     if not recording.trace:
         plain = plain.model_copy(update={"circle": None})
+    has_sheet = any(n.startswith(f"sheet {wishes.sheet} of") for n in recording.notes)
+    if wishes.sheet and not has_sheet:
+        plain = plain.model_copy(update={"sheet": ""})
     names = [str(n) for n in recording.frame]
     if several and not any(theirs.startswith("#") or theirs.removeprefix("-") in names for theirs in given.values()):
         alone = {*names, *roles(recording, machine, kind, {})}
         if "time" in alone and not alone & {*MEASURED, *(n for j in machine.joints for n in j.columns)}:
             given = {}  # a log beside the measured file
     own = {ours: _placed(path, theirs, names) for ours, theirs in given.items()}
+    if wishes.joint and {*own} & {*MOTIONS} and wishes.joint not in own and (place := position_column(names)):
+        own[wishes.joint] = place
     if of_commands and form.bare and not own and not any(j.name in names for j in machine.joints):
         own = commands_by_place(recording, machine, table is None or table.named)
-    found = roles(recording, machine, kind, own)
     single = None if of_commands or recording.trace else wishes.observation
+    if single is not None and single.poses > 1:
+        own = {**end_points(names, machine), **own} if kind == "whole" else own
+        if single.reading not in own and (bar := calibrated([n for n in names if n not in own.values()])):
+            own[single.reading] = bar
+    found = roles(recording, machine, kind, own)
     if single is not None:
         found = reading_roles(recording, machine, found, single.reading)
     entry = plain.model_copy(
@@ -230,6 +274,8 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes, severa
     uses = {*form.uses, *(f"unit {u}" for u in units if u in form.columns or _has_unit(u, entry, recording, machine))}
     uses |= {word for word, own in (("circle", bool(recording.trace)), ("dates", recording.dated)) if own}
     uses |= {"columns"} if given or words else set()
+    uses |= {"joint"} if what == "motions" and entry.joint else set()
+    uses -= set() if has_sheet else {"sheet"}
     left = tuple(unused(recording, found, machine))
     return SourceFile(raw, entry, mapped, form.title, what, left, frozenset(uses))
 
@@ -329,10 +375,16 @@ def _what(path: Path, recording: Recording, machine: Machine, kind: Kind, single
         raise InputError(
             str(path), "commands, and nothing measured", "Give it as --commands, and the measured file first"
         )
+    sheets = next((f"; this is {n}" for n in recording.notes if n.startswith("sheet ")), "")
     found = f"no measured coordinates among its columns {', '.join(names[:12])}{' ...' if len(names) > 12 else ''}"
     if single is not None:
         found = f"no column of a single {single.reading} among {', '.join(names[:12])}"
-        raise InputError(str(path), found, f"Say which it is: --columns {single.reading}=..")
+        beside = [n for n in names if not is_column(n, machine) and frame[n].dtype.kind == "f" and not counts(frame[n])]
+        cure = f"Say which it is: --columns {single.reading}=.."
+        if len(beside) > 1:
+            named = ",".join(f"{single.reading}:{'AB'[k]}={name}" for k, name in enumerate(beside[:2]))
+            cure += f"; of several instruments side by side --columns '{named}' and so on, the label of each before ="
+        raise InputError(str(path), found, cure)
     first = next((n for n in names if frame[n].dtype.kind == "f"), names[0])
     others = "; ".join(
         f"of {form.title} by {', '.join(form.columns[:SHOWN])}{' ...' if len(form.columns) > SHOWN else ''}"
@@ -340,4 +392,6 @@ def _what(path: Path, recording: Recording, machine: Machine, kind: Kind, single
         if form.columns
     )
     cure = f"Say which they are: --columns mx={first},my=..,mz=..; {others}"
-    raise InputError(str(path), found, f"{cure}; of single readings --observation, one of {', '.join(registry())}")
+    raise InputError(
+        str(path), found, f"{cure}{sheets}; of single readings --observation, one of {', '.join(registry())}"
+    )

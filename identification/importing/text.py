@@ -23,6 +23,7 @@ WORDS: dict[What, str] = {
     "log": "log",
     "commands": "commands",
 }
+YEARS = 3e8  # s between two clocks: one has dates, the other counts from a start of its own
 MINUTE = 120.0  # s: longer offsets are said in minutes
 
 
@@ -56,7 +57,7 @@ def _joined(imported: Imported) -> Iterator[str]:
         else:
             yield f"{len(own)} rows with their commands in {source.raw.path.name}"
         if own.offset is not None:
-            yield f"  the clock of {source.raw.path.name} is {_seconds(own.offset)} the commands'"
+            yield f"  {_clock(source.raw.path.name, own.offset)}"
         for note in own.notes:
             yield f"  {note}"
     if imported.frame != "shared":
@@ -65,6 +66,14 @@ def _joined(imported: Imported) -> Iterator[str]:
             "per-run": "each station has one of its own",
         }
         yield f"  {frames[imported.frame]}: another one for all does not fit"
+
+
+def _clock(name: str, offset: float) -> str:
+    """How the clock of a file is set against that of the commands."""
+    if abs(offset) < YEARS:
+        return f"the clock of {name} is {_seconds(offset)} the commands'"
+    zero = np.datetime64(round(abs(offset)), "s")
+    return f"the clock of {'the commands' if offset > 0 else name} begins to count at {zero} of the other"
 
 
 def _seconds(offset: float) -> str:

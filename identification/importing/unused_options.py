@@ -29,6 +29,7 @@ def _unused(
         ("joint", "--joint", wishes.joint, "is a table of readings of one joint"),
         ("circle", "--centre", wishes.circle is not None, "is a trace of a ballbar over its angle"),
         ("dates", "--dates", wishes.dates, "has dates"),
+        ("sheet", "--sheet", wishes.sheet, "is a workbook with such a sheet"),
     ):
         if given and word not in uses:
             yield option, f"none of the files {what}", out
@@ -37,6 +38,8 @@ def _unused(
         yield "--columns", f"none of the files has a column of {names}", "Write names as they stand in a file"
     if wishes.log_offset and not any(s.what == "log" for s in sources):
         yield "--log-offset", "none of the files is a log on a clock of its own", out
+    if wishes.axes == "tool" and not any(s.what == "points" for s in sources):
+        yield "--axes", "none of the files has measured coordinates", out
     if commanded is None:
         for option, said in (
             ("--command-columns", wishes.command_columns), ("--command-units", wishes.command_units),

@@ -111,7 +111,7 @@ def _heldout(diagnosed: Diagnosed) -> str:
     rows = max(int(seen.any(axis=1).sum()), 1)
     noise = diagnosis.noise_um * float(np.sqrt(seen.sum() / rows))
     before, after = (s["heldout_rms_um"] for s in (diagnosis.baseline, diagnosis.final))
-    declared = diagnosed.final.solution.declared & {"position", *(r.type for r in diagnosis.readings)}
+    declared = diagnosed.final.declared & {"position", *(r.type for r in diagnosis.readings)}
     what = "the declared noise" if declared else "noise, as the residuals show it,"
     text = f"{short(_value(after))} µm rms, of which {what} makes {short(noise)} µm"
     if diagnosis.findings and before != after:  # a corrected table was used by the first fit already

@@ -253,7 +253,7 @@ def noise(fit: Fit) -> list[list[str]]:
     """Kinds of observation: number, standard deviation, and its origin."""
     out = []
     for kind, sums in fit.solution.sums.items():
-        declared = kind in fit.solution.declared
+        declared = kind in fit.declared
         factor, unit = (1e6, "µrad") if kind in fit.problem.angular else (1e3, "µm")
         sigma = fit.sigma_mm if kind == "position" else fit.solution.sigma[kind]
         how = "declared (the deviation is that of the residuals)" if declared else "estimated from the residuals"

@@ -96,7 +96,7 @@ def judgements(fit: Fit) -> list[Judgement]:
         else:
             text = "Rows that were left out of the fit are predicted about as well as those that were fitted."
         out.append(Judgement(ratio <= WORSE_RMS_RATIO, text))
-    if fit.solution.declared:
+    if fit.declared:
         from scipy.special import chdtr
 
         if fit.inflation > 1:
@@ -135,7 +135,7 @@ def judgements(fit: Fit) -> list[Judgement]:
 def noise(fit: Fit) -> str:
     """Origin of the noise level."""
     dof = f"{fit.solution.dof} degrees of freedom"
-    if "position" in fit.solution.declared:
+    if "position" in fit.declared:
         return (
             f"The survey declares the uncertainty of its positions. Measured by it, the residuals have a reduced "
             f"chi-square of {fit.solution.chi2 / max(fit.solution.dof, 1):.3f} (1 is as declared) with {dof}; they "

@@ -81,7 +81,7 @@ def fit_lines(analysis: Analysis) -> Iterator[str]:
         yield from _reading_lines(fit, fit.readings)
     if not fit.fitted.n:
         yield from _level_lines(fit)
-    if fit.inflation > 1:
+    if fit.inflation > 1 and fit.declared:
         yield f"residuals exceed the declared uncertainty: standard uncertainties are multiplied by {fit.inflation:.2f}"
     yield from _outlier_lines(fit)
     shared = ("frame.", "frame[", "zero[", "observation[")
@@ -127,7 +127,7 @@ def _spread_lines(fit: Fit) -> Iterator[str]:
         for name, spread in rows
     ]
     yield from table_lines([["um", "rms", "mean", "max", "n"], *cells], "<>>>>", least=7)
-    known = "position" in fit.solution.declared
+    known = "position" in fit.declared
     how = "seen; standard uncertainties follow the declared one" if known else "from residuals"
     if fit.solution.dof > 0:
         low, high = (1e3 * fit.sigma_mm * x for x in noise_bounds(fit.solution.dof))
@@ -176,7 +176,7 @@ def _level_lines(fit: Fit) -> Iterator[str]:
     """Noise by kind of reading, where no position was measured."""
     for kind, sigma in fit.solution.sigma.items():
         factor, unit = (1e6, "urad") if kind in fit.problem.angular else (1e3, "um")
-        how = "as declared" if kind in fit.solution.declared else f"{factor * sigma:.3g} {unit} (from residuals)"
+        how = "as declared" if kind in fit.declared else f"{factor * sigma:.3g} {unit} (from residuals)"
         yield f"noise of a reading, {kind}: {how}"
     yield f"{fit.solution.dof} degrees of freedom"
 

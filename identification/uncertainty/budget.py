@@ -169,7 +169,7 @@ def _effects(fit: Fit) -> Iterator[_Effect]:
         left = left - covariance
         yield _Effect(line, covariance)
     rest = float(np.trace(left / whole.diagonal()[:, None])) / len(base) if len(base) else 0.0
-    estimated = "position" not in s.declared
+    estimated = "position" not in fit.declared
     if parts and rest > LEAST_VARIANCE_SHARE:
         name = "scatter beyond the instrument's (residuals, correlation of neighbours)"
         if fit.posterior is not None:

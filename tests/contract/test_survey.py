@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from errormodel.exceptions import InputError
@@ -383,6 +383,7 @@ def test_direction_starts_anew_in_each_file(tmp_path: Path):
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False, min_value=-1e7, max_value=1e7), min_size=1))
 def test_floats_round_trip(tmp_path: Path, floats: list[float]):
+    assume(not any({*repr(abs(v)).rstrip("0")} <= {*"9."} for v in floats))  # which stand for missing values
     frame = pd.DataFrame({"mx": floats, "B": 0.0, "X": 0.0, "Y": 0.0, "Z": 300.0})
     write_csv(frame, tmp_path / "s.csv")
     assert list(read_survey(tmp_path / "s.csv", MACHINE).measured[:, 0]) == floats

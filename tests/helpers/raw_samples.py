@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import math
-import zipfile
 
 import numpy as np
 
 from errormodel import read_machine
 from errormodel.raw_formats.base import Asked
+from tests.helpers.workbooks import workbook
 
 MILL = read_machine("vertical_three_axis")
 ARM = read_machine("six_axis_arm")
@@ -105,38 +104,9 @@ HEIDENHAIN = (
 
 
 def spreadsheet() -> bytes:
-    """A workbook with a title sheet and a table; written by a plain zip of its parts (ECMA-376)."""
+    """A workbook with one table."""
     cells = [["Name", "X [mm]", "Y [mm]", "Z [mm]"], ["P1", 1.25, 2.5, -3.0], ["P2", 4.5, 5.25, 6.0]]
-    rows = ""
-    for r, row in enumerate(cells, start=1):
-        inner = ""
-        for c, value in enumerate(row):
-            at = f"{'ABCD'[c]}{r}"
-            text = f'<c r="{at}" t="inlineStr"><is><t>{value}</t></is></c>'
-            inner += text if isinstance(value, str) else f'<c r="{at}"><v>{value}</v></c>'
-        rows += f'<row r="{r}">{inner}</row>'
-    space = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
-    links = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
-    package = "http://schemas.openxmlformats.org/package/2006"
-    parts = {
-        "[Content_Types].xml": f'<Types xmlns="{package}/content-types">'
-        '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
-        '<Default Extension="xml" '
-        'ContentType="application/vnd.openxmlformats-officedocument.spreadsheetml.sheet.main+xml"/>'
-        "</Types>",
-        "_rels/.rels": f'<Relationships xmlns="{package}/relationships"><Relationship Id="r1" '
-        f'Type="{links}/officeDocument" Target="xl/workbook.xml"/></Relationships>',
-        "xl/workbook.xml": f'<workbook xmlns="{space}" xmlns:r="{links}"><sheets>'
-        '<sheet name="Data" sheetId="1" r:id="r1"/></sheets></workbook>',
-        "xl/_rels/workbook.xml.rels": f'<Relationships xmlns="{package}/relationships"><Relationship Id="r1" '
-        f'Type="{links}/worksheet" Target="worksheets/sheet1.xml"/></Relationships>',
-        "xl/worksheets/sheet1.xml": f'<worksheet xmlns="{space}"><sheetData>{rows}</sheetData></worksheet>',
-    }
-    out = io.BytesIO()
-    with zipfile.ZipFile(out, "w") as archive:
-        for name, text in parts.items():
-            archive.writestr(name, f'<?xml version="1.0" encoding="UTF-8"?>{text}')
-    return out.getvalue()
+    return workbook({"Data": cells})
 
 
 def three_reflectors() -> str:

@@ -239,3 +239,18 @@ def test_a_dwell_too_many_is_named(tmp_path: Path) -> None:
         match=rf"25 dwells and 24 commands; the shortest: rows {at + 1} to {at + 13}, of 13 readings where 25",
     ):
         import_survey(file, MILL, commands=tmp_path / "plan.csv", observation="station-distance, dead_path: 0")
+
+
+def test_dwells_that_lie_on_the_way_from_one_row_on_say_that_a_clock_was_set(tmp_path: Path) -> None:
+    """Its clock was set by less than a dwell and the way to the next are long: the offset of the first part holds."""
+    logs(tmp_path, rows=30)
+    table = pd.read_csv(tmp_path / "tracker.csv")
+    half = len(table) // 2
+    table.loc[half:, "Time [s]"] += 1.3
+    table.to_csv(tmp_path / "tracker.csv", index=False)
+    with pytest.raises(InputError, match=r"clock .*set"):
+        import_survey(tmp_path / "tracker.csv", MILL, commands=tmp_path / "controller.csv")
+    part = import_survey(
+        tmp_path / "tracker.csv", MILL, commands=tmp_path / "controller.csv", leave_out=[f"{half}-{len(table)}"]
+    )
+    assert len(part.survey) >= 13

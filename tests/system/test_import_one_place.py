@@ -12,8 +12,8 @@ import pytest
 
 from errormodel import InputError, read_machine, read_survey, simulate
 from errormodel.chain import Chain
+from errormodel.nominal import Nominal
 from identification.importing.check import check_survey
-from identification.importing.geometry import Nominal
 from tests.helpers.commands import done, run
 
 FORK = """errormodel: 1
@@ -65,7 +65,7 @@ def test_what_points_at_one_place_do_not_prove_is_said_and_stays(
     table.to_csv(tmp_path / "rtest.csv", index=False)
     result = done("import", tmp_path / "rtest.csv", "--machine", fork, "--out", tmp_path / "s")
     assert "fits better" not in result.out
-    assert "the points prove neither the order of the rows nor signs or hand" in result.out
+    assert "the points prove neither the order of the rows nor signs, hand or axes" in result.out
     assert "excludes nothing" not in result.out
     for text in (result.err, (tmp_path / "s/survey.yaml").read_text().replace("\n", " ")):
         assert "positive where it stands too far along an axis" in " ".join(text.split())
@@ -121,3 +121,35 @@ def test_what_an_r_test_lacks_is_named(lacks: str, fork: Path, table: pd.DataFra
         "a column": "plan.csv: no command of A among its columns X, Y, Z, C. .*--command-columns A=",
     }[lacks]
     assert re.search(said, " ".join(result.err.split()))
+
+
+def along_the_tool(fork: Path, table: pd.DataFrame) -> pd.DataFrame:
+    """The same readings by a nest in the spindle, which turns with C and A."""
+    turns, _ = Nominal(Chain(read_machine(fork)), table).flanges()
+    own = np.einsum("nji,nj->ni", turns, table[SEEN].to_numpy())
+    return table.assign(**dict(zip(SEEN, own.T, strict=True)))
+
+
+def test_readings_of_a_nest_in_the_spindle_are_turned_into_the_reference(
+    fork: Path, table: pd.DataFrame, tmp_path: Path
+) -> None:
+    along_the_tool(fork, table).to_csv(tmp_path / "nest.csv", index=False)
+    done("import", tmp_path / "nest.csv", "--machine", fork, "--axes", "tool", "--out", tmp_path / "s")
+    machine = read_machine(fork)
+    survey = read_survey(tmp_path / "s", machine)
+    assert np.abs(survey.measured - table[SEEN].to_numpy()).max() < 1e-12
+    proof = check_survey(machine, survey).proof
+    assert proof.one_place is not None
+    assert proof.one_place.axes == "tool"
+
+
+@pytest.mark.parametrize("stated", ["reference", "tool"])
+def test_readings_along_other_axes_than_stated_are_found_by_a_fit(
+    fork: Path, table: pd.DataFrame, tmp_path: Path, stated: str
+) -> None:
+    (along_the_tool(fork, table) if stated == "reference" else table).to_csv(tmp_path / "nest.csv", index=False)
+    result = run("import", tmp_path / "nest.csv", "--machine", fork, "--axes", stated, "--out", tmp_path / "s")
+    assert result.code == 2
+    other = "tool" if stated == "reference" else "reference"
+    assert f"say --axes {other}" in " ".join(result.err.split())
+    assert not (tmp_path / "s").exists()

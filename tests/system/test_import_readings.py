@@ -245,3 +245,58 @@ def test_angles_need_a_unit(plan: Path, tmp_path: Path) -> None:
         import_survey(file, MILL, **where)  # type: ignore[arg-type]
     table = import_survey(file, MILL, units={"angle": "arcsec"}, **where).survey.table  # type: ignore[arg-type]
     np.testing.assert_allclose(table["angle"], np.radians(values.round(5) / 3600), rtol=1e-12)
+
+
+BESIDE = {"length:A": "Laser 1", "length:B": "Laser 2", "length:C": "Laser 3"}
+
+
+def side_by_side(lengths: dict[str, np.ndarray], folder: Path, unit: str = "mm", factor: float = 1.0) -> Path:
+    """Lengths of three interferometers that read one target together: a row a pose."""
+    table = pd.DataFrame({f"Laser {k} [{unit}]": factor * own for k, own in enumerate(lengths.values(), start=1)})
+    table.to_csv(folder / "wide.csv", index_label="No", sep=";")
+    return folder / "wide.csv"
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("mm", 1.0), ("m", 1e-3)])
+def test_readings_of_several_instruments_side_by_side(
+    lengths: dict[str, np.ndarray], plan: Path, tmp_path: Path, unit: str, factor: float
+) -> None:
+    wide = side_by_side(lengths, tmp_path, unit, factor)
+    with pytest.raises(InputError, match="no column of a single length among") as error:
+        import_survey(wide, MILL, commands=plan, observation=STATION)
+    assert "'length:A=Laser 1,length:B=Laser 2'" in error.value.cure
+    near = f"B={STATION}, near: {PLACES['B']}"
+    result = import_survey(wide, MILL, commands=plan, observation=[STATION, near], columns=BESIDE)
+    result.save(tmp_path / "s")
+    survey = read_survey(tmp_path / "s", MACHINE)
+    np.testing.assert_allclose(survey.table["length"], np.concatenate([*lengths.values()]), atol=1e-9)
+    np.testing.assert_allclose(survey.table[["X", "Y", "Z"]], np.tile(poses(5, ROWS), (3, 1)), atol=1e-9)
+    stated = {k: o.model_dump(exclude_defaults=True).get("near") for k, o in survey.observations.items()}
+    assert stated == {"A": None, "B": PLACES["B"], "C": None}
+    errors = standardised(fit(MACHINE, survey).fit, TRUE | set_ups())
+    assert np.sqrt(np.mean(np.square([*errors.values()]))) < 1.6  # as of one list an instrument
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        (["A=station-distance", "A=station-distance"], "A twice"),
+        (["A=station-distance", "line-angle, axis: [0, 0, 1]"], "several types"),
+        (["A=station-distance"], "nothing of 'B'"),
+        ([STATION, "D=station-distance"], "'D', which is read nowhere"),
+    ],
+)
+def test_observations_by_label_are_each_of_something(
+    lengths: dict[str, np.ndarray], plan: Path, tmp_path: Path, said: list[str], words: str
+) -> None:
+    wide = side_by_side(lengths, tmp_path)
+    with pytest.raises(InputError, match=words):
+        import_survey(wide, MILL, commands=plan, observation=said, columns=BESIDE)
+
+
+def test_readings_of_two_kinds_side_by_side_are_refused(
+    lengths: dict[str, np.ndarray], plan: Path, tmp_path: Path
+) -> None:
+    wide = side_by_side(lengths, tmp_path)
+    with pytest.raises(InputError, match="name readings of one kind"):
+        import_survey(wide, MILL, commands=plan, observation=STATION, columns={**BESIDE, "length": "No"})

@@ -52,7 +52,7 @@ errors:
 
 
 def test_noise_from_few_degrees_of_freedom_is_known_as_well_as_that(tmp_path: Path) -> None:
-    """Seven rows and twenty unknowns: the one degree of freedom often shows a tenth of the noise."""
+    """Seven rows and some twenty unknowns: so few degrees of freedom often show a tenth of the noise."""
     (tmp_path / "machine.yaml").write_text(SMALL, encoding="utf-8")
     machine = read_machine(tmp_path / "machine.yaml")
     p = np.zeros(len(Chain(machine).ids))
@@ -62,7 +62,7 @@ def test_noise_from_few_degrees_of_freedom_is_known_as_well_as_that(tmp_path: Pa
         noisy = table.copy()
         noisy[["mx", "my", "mz"]] += np.random.default_rng(seed).normal(0, 0.002, (7, 3))
         fit = fit_machine(machine, survey(noisy))
-        assert fit.solution.dof == 1
+        assert 1 <= fit.solution.dof <= 3  # more than one where directions are too uncertain to count
         low, high = noise_bounds(fit.solution.dof)
         known.append(low * fit.sigma_mm < 0.002 < high * fit.sigma_mm)
         out = predict(stored(fit), survey(fresh))

@@ -162,7 +162,7 @@ def _exceeds_declared(fit: Fit) -> bool:
 
 def _declared(fit: Fit) -> bool:
     """Whether the uncertainty of points or readings is stated."""
-    return bool(fit.solution.declared & {"position", *(v.kind for v in fit.problem.readings)})
+    return bool(fit.declared & {"position", *(v.kind for v in fit.problem.readings)})
 
 
 def _length(fit: Fit) -> float:
