@@ -5,6 +5,11 @@
 - ``lag(T_bed,600)``: the column after a first-order lag of 600 s.
 - ``play(X,0.01)``: X after a play of 0.01 (mm or rad), in the order of the rows.
 - ``run(3)``: 1 in the rows of run 3, else 0.
+- ``row``: number of the row in the fitted file, from 1; what comes after it (test files, predictions) has `LAST_ROW`.
+- ``speed(X|X,Y,Z|A,C)``: speed of X (mm/s or rad/s, with its sign) as its share of the ``feed`` along the path of the
+  linear joints X, Y, Z or, where these stand, of the rotary A, C (`errormodel.path_speed`).
+- ``resumed(3600,900)``: time from which the machine worked on after a recording's end at 3600 s, with no steps longer
+  than 900 s but rests (`errormodel.machine_rests`).
 - ``point_x``: not a column but the nominal position of the chain, mm.
 
 Units: mm, rad, s, degC.
@@ -20,6 +25,8 @@ import numpy as np
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.exceptions import InputError, nearest
+from errormodel.machine_rests import RESUMED_CHANNEL, resumed
+from errormodel.path_speed import SPEED_CHANNEL, path_speed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,6 +40,7 @@ CLOCK_MISFIT_KELVIN = 0.1
 # columns that must be complete; positions may be missing in rows about another joint
 UNITS_OF_CHANNELS = {"time": "s", "feed": "mm/s", "load": "kg"}
 _GAPLESS = ("T_", "w_", "time", "feed", "load")
+LAST_ROW = 1e9  # number of a row after all that were recorded
 JUMP_STEPS = 2.5  # times the median step between targets: a longer step back begins a new sequence; by judgement
 # nominal position of the functional point in the reference's axes, mm
 POINT_CHANNELS = ("point_x", "point_y", "point_z")
@@ -49,8 +57,15 @@ def channel(table: pd.DataFrame, name: str) -> Array:
     call = DERIVED_CHANNEL.fullmatch(name)
     if call:
         return _DERIVED[call[1]](table, call[2], float(call[3]))
+    if moving := SPEED_CHANNEL.fullmatch(name):
+        return speed(table, *moving.groups())
+    if again := RESUMED_CHANNEL.fullmatch(name):
+        return resumed(channel(table, "time"), float(again[1]), float(again[2]))
     if name.startswith("dir_"):
         return direction(table, name[4:])
+    if name == "row":
+        rows = table["row"].to_numpy(dtype=np.float64) if "row" in table else np.arange(1.0, len(table) + 1)
+        return np.where(table["role"] == "test", LAST_ROW, rows) if "role" in table else rows
     if name.startswith("run("):
         return np.asarray(table["run"].astype(str) == name[4:-1], dtype=np.float64)
     if name not in table:
@@ -72,7 +87,11 @@ def channel(table: pd.DataFrame, name: str) -> Array:
 
 
 def root(name: str) -> str:
-    """Base channel of a derived one: ``T_bed`` of ``lag(T_bed,600)``."""
+    """Base channel of a derived one: ``T_bed`` of ``lag(T_bed,600)``, ``feed`` of a speed, ``time`` of a rest."""
+    if SPEED_CHANNEL.fullmatch(name):
+        return "feed"
+    if RESUMED_CHANNEL.fullmatch(name):
+        return "time"
     call = DERIVED_CHANNEL.fullmatch(name)
     return call[2] if call else name
 
@@ -192,8 +211,32 @@ def direction(table: pd.DataFrame, joint: str) -> Array:
     return result
 
 
+def speed(table: pd.DataFrame, joint: str, linear: str, turning: str) -> Array:
+    """Speed of a joint (n,), mm/s or rad/s: its share of the feed on the path of joints named with commas between."""
+    names = [n for n in (*linear.split(","), *turning.split(",")) if n]
+    order = _order(table)
+    time = channel(table, "time") if "time" in table else np.full(len(table), np.nan)
+    out = np.empty(len(table))
+    out[order] = path_speed(
+        np.column_stack([channel(table, n) for n in names])[order],
+        np.array([n in linear.split(",") for n in names]),
+        channel(table, "feed")[order],
+        np.column_stack([direction(table, n) for n in names])[order],
+        time[order],
+        _codes(table, ["file", "run"])[order],
+    )[:, names.index(joint)]
+    return out
+
+
 def _moves(table: pd.DataFrame, joint: str) -> tuple[Index, pd.Series]:
     """Rows in the order in which a joint came to them, and in this order the sign of its move to each; NaN at rest."""
+    order, file = _order(table), _codes(table, ["file"])
+    position = table[joint].iloc[order].groupby(file[order])
+    return order, np.sign(position.ffill().groupby(file[order]).diff()).replace(0.0, np.nan)
+
+
+def _order(table: pd.DataFrame) -> Index:
+    """Rows in the order in which they were measured: their own or, where a run's times are not in order, theirs."""
     import pandas as pd
 
     file = _codes(table, ["file"])
@@ -204,8 +247,7 @@ def _moves(table: pd.DataFrame, joint: str) -> tuple[Index, pd.Series]:
         shuffled = pd.Series(step < 0).groupby(file).transform("any").to_numpy()
         time = np.where(shuffled, table["time"], 0.0)
         order = np.lexsort((time, np.where(shuffled, run, 0), file))  # stable: otherwise the rows' own order
-    position = table[joint].iloc[order].groupby(file[order])
-    return order, np.sign(position.ffill().groupby(file[order]).diff()).replace(0.0, np.nan)
+    return order
 
 
 def assumed_sides(table: pd.DataFrame, joint: str) -> Index:

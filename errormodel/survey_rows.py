@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from errormodel.channels import DERIVED_CHANNEL, root
+from errormodel.channels import root
 from errormodel.drives import check_series, in_step
 from errormodel.effects.axis_blunder import mended
 from errormodel.exceptions import InputError, NoRowsError
@@ -40,6 +40,10 @@ from errormodel.surveys.travels import travel_notes
 from errormodel.yamlfile import Document
 
 WHOLE = "leave out --stream, if the survey fits the memory"
+_BY_COURSE = {  # channels that follow from the course of all rows, by the beginning of their names
+    "lag(": "a lagged temperature", "play(": "a play", "speed(": "a speed on the path",
+    "resumed(": "the end of the machine's rest",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -295,12 +299,10 @@ def _check_course(table: Table, plan: Plan, channels: tuple[str, ...], measured:
         found = "orientations (mrx mry mrz), which are not fitted in a stream"
         raise InputError(where, found, f"Leave these columns out, or {WHOLE}")
     for name in channels:
-        derived = DERIVED_CHANNEL.fullmatch(name)
-        smoothed = name.startswith("T_") and "time" in plan.ours
-        if derived or smoothed:
-            what = (
-                {"lag": "a lagged temperature", "play": "a play"}[derived[1]] if derived else "a smoothed temperature"
-            )
+        what = next((words for start, words in _BY_COURSE.items() if name.startswith(start)), "")
+        if not what and name.startswith("T_") and "time" in plan.ours:
+            what = "a smoothed temperature"
+        if what:
             found = f"an effect of this machine needs {name}, {what}, which follows from the course of all rows"
             raise InputError(where, found, f"{WHOLE[0].upper()}{WHOLE[1:]}")
         if name.startswith("dir_") and name not in plan.ours:

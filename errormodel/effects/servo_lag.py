@@ -6,15 +6,20 @@ Speed over the gain of the position loop; mm along a prismatic axis, rad about a
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine, joint_of
+from errormodel.path_speed import speed_name
 
 
 class ServoLag(JointEffect):
-    """``-lag * feed * direction`` along the axis; s for a prismatic joint (feed in mm/min). Positive: lagging."""
+    """``-lag * speed`` along the axis; lag in s. Positive: lagging.
+
+    `speed`, ``each``: every joint arrives with the whole feed, ``feed * direction`` (about a rotary joint the lag is in
+    rad s/mm); ``path``: the feed is that along the path, of which the joint has its share.
+    """
 
     effect: ClassVar[str] = "servo-lag"
     family: ClassVar[str] = "dynamic"
@@ -23,16 +28,27 @@ class ServoLag(JointEffect):
     separate: ClassVar[str] = "approach the same positions at three feeds, with a short and a long dwell"
     example: ClassVar[Mapping[str, object]] = {"joint": "X"}
 
+    speed: Literal["each", "path"] = "each"
+
     @property
     def drivers(self) -> tuple[str, ...]:
         return ("feed", f"dir_{self.joint}")
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_of(machine, self.joint)
-        unit, size = ("s", 3e-4) if joint.type == "prismatic" else ("rad s/mm", 6e-7)
-        late = -channel("feed") / 60 * channel(f"dir_{self.joint}")
-        return [EffectTerm(self.joint, "", unit, along(joint, late), size)]  # excess feedforward makes it negative
+        unit, size = "s", 3e-4
+        if self.speed == "path":
+            speed = channel(speed_name(machine, self.joint))
+        else:
+            speed = channel("feed") / 60 * channel(f"dir_{self.joint}")
+            if joint.type == "rotary":
+                unit, size = "rad s/mm", 6e-7
+        return [EffectTerm(self.joint, "", unit, along(joint, -speed), size)]  # excess feedforward makes it negative
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        return (cls(joint=j.name) for j in scene.moving if scene.both_ways(j) and scene.varies("feed"))
+        for j in scene.moving:
+            if scene.both_ways(j) and scene.varies("feed"):
+                yield cls(joint=j.name)
+                if len(scene.moving) > 1:
+                    yield cls(joint=j.name, speed="path")

@@ -5,7 +5,7 @@ Units: mm, rad, s, degC.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated, Literal
 
@@ -67,6 +67,11 @@ def settling(channel: Channels, tau: float, start: float) -> Value:
     return 1 - exp(-fmax(channel("time") - start, 0) / tau)
 
 
+def warmed(time: Value, tau: float, sessions: Sequence[tuple[Value, Value]]) -> Value:
+    """State of what settles to 1 in sessions of work, each from its begin to its end, and to 0 in the rests between."""
+    return sum(exp(-(time - fmin(time, end)) / tau) - exp(-(time - fmin(time, begin)) / tau) for begin, end in sessions)
+
+
 def waves(q: Value, rate: float | NDArray[np.float64]) -> dict[str, Value]:
     """``sin(rate q)`` and ``cos(rate q)`` by label; several rates, given as (n, 1), are computed to six digits."""
     if isinstance(rate, np.ndarray) and len(rate) > 1:
@@ -97,16 +102,16 @@ def bending(joint: Joint, motion: Motion, deflection: Value, slope: Value) -> di
     return {motion: deflection} | {name: slope * float(a) for name, a in zip(ROTATIONS, turn, strict=True) if a}
 
 
-def since(channel: Channels, at: float) -> Value:
-    """1 from the time `at` (s) on, 0 before, within one second."""
-    return fmin(fmax(channel("time") - at + 0.5, 0), 1)
+def since(channel: Channels, at: float, clock: str = "time") -> Value:
+    """1 from the time `at` (s) on, 0 before, within one second; with the clock ``row``, from that row on."""
+    return fmin(fmax(channel(clock) - at + 0.5, 0), 1)
 
 
-def moments(scene: Scene) -> Iterator[float]:
-    """Candidate times of a sudden change, s: between two rows; none without a clock."""
-    if not scene.duration:
+def moments(scene: Scene, clock: str = "time") -> Iterator[float]:
+    """Candidate times of a sudden change, s, or rows (``row``): between two rows; none where the survey has no such."""
+    if not scene.varies(clock):
         return
-    time = np.unique(scene.columns["time"])
+    time = np.unique(scene.columns[clock])
     gaps = np.diff(time)
     spread = np.linspace(0, len(gaps) - 1, SHIFT_MOMENTS + 2)[1:-1].astype(int)
     for k in np.union1d(spread, np.argsort(gaps)[-LONGEST_BREAKS:]):

@@ -6,13 +6,14 @@ No recorded temperature is needed. Units: mm and rad.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from itertools import product
+from itertools import pairwise, product
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
 from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm, along
+from errormodel.effects.ops import Value
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import (
     STEEL_EXPANSION,
@@ -24,9 +25,11 @@ from errormodel.effects.shared import (
     settling,
     settling_times,
     start_of,
+    warmed,
 )
 from errormodel.effects.travel import polynomials, scaled, usual_size
 from errormodel.machine import Machine
+from errormodel.machine_rests import LEAST_REST, longest_step, rests, resumed_name
 
 
 class WarmUp(Effect):
@@ -34,7 +37,10 @@ class WarmUp(Effect):
 
     `tau` (s) is the time constant, `start` (s, on the clock of ``time``) the beginning. Positive: longer. With a
     `motion` that one (mm, rad), or with ``all`` each of the six, grows in Legendre polynomials of the joint's travel
-    (-1 to 1) up to `degree`. An `element` is a member that moves or tilts as a whole in its `motion`.
+    (-1 to 1) up to `degree`. An `element` is a member that moves or tilts as a whole in its `motion`. In `rests`, from
+    and to a time each (s), the machine stands and it cools as fast. `until` is the end of what was recorded, and
+    `step` the longest time between two rows there that was no rest: rows that come later than that after it begin after
+    a rest, too.
     """
 
     effect: ClassVar[str] = "warm-up"
@@ -50,11 +56,17 @@ class WarmUp(Effect):
     start: Annotated[float, FIXED] = 0.0
     motion: Motion | Literal["all"] | None = None
     degree: Annotated[int, Field(ge=0, le=8)] = 1
+    rests: tuple[tuple[float, float], ...] = ()
+    until: Annotated[float | None, FIXED] = None
+    step: Annotated[float, FIXED] = LEAST_REST
 
     @model_validator(mode="after")
     def _one_of_them(self) -> Self:
         if self.element is not None and (self.joint is not None or self.motion in (None, "all")):
             raise ValueError("a member that warms up has one motion and is no joint: element: T1, motion: ea")
+        ends = [self.start, *(t for rest in self.rests for t in rest), *([] if self.until is None else [self.until])]
+        if any(before > after for before, after in pairwise(ends)):
+            raise ValueError("start and rests and until must follow one another in time")
         return self
 
     @property
@@ -70,7 +82,7 @@ class WarmUp(Effect):
         return ("time",)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        warm = settling(channel, self.tau, self.start)
+        warm = self._warm(channel)
         if self.element is not None and self.motion is not None and self.motion != "all":
             size = 0.03 if self.motion in TRANSLATIONS else 3e-5
             return [EffectTerm(self.element, "", unit_of(self.motion), {self.motion: warm}, size)]
@@ -90,18 +102,30 @@ class WarmUp(Effect):
             EffectTerm(self.joint, "growth", "mm", along(joint, warm), 0.02),
         ]
 
+    def _warm(self, channel: Channels) -> Value:
+        if self.until is None and not self.rests:
+            return settling(channel, self.tau, self.start)
+        time = channel("time")
+        again = [] if self.until is None else [self.until, channel(resumed_name(self.until, self.step))]
+        turns = [self.start, *(t for rest in self.rests for t in rest), *again]
+        return warmed(time, self.tau, [*zip(turns[::2], [*turns[1::2], time], strict=True)])
+
     def positive(self, machine: Machine) -> str:
         return outward_words(machine) if self.joint is None and self.element is None else ""
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         if scene.duration:
+            time = scene.columns["time"]
+            always = cls(start=start_of(scene))
+            cooling = cls(start=always.start, rests=rests(time), until=time.max(), step=round(longest_step(time)))
+            uses = [cooling, always] if cooling.rests else [cooling]
             for joint in (*(j.name for j in scene.prismatic), None):
-                for tau in settling_times(scene):
-                    yield cls(joint=joint, tau=tau, start=start_of(scene))
+                for tau, use in product(settling_times(scene), uses):
+                    yield use.model_copy(update={"joint": joint, "tau": tau})
             # relative to the joint's cold state at the time 0
             if scene.all_motions and scene.motions_of in {j.name for j in scene.prismatic}:
                 for tau, degree in product(settling_times(scene), range(4)):
                     yield cls(joint=scene.motions_of, tau=tau, motion="all", degree=degree)
-            for element, motion, tau in product(members(scene.machine), MOTIONS, settling_times(scene)):
-                yield cls(element=element, motion=motion, tau=tau, start=start_of(scene))
+            for element, motion, tau, use in product(members(scene.machine), MOTIONS, settling_times(scene), uses):
+                yield use.model_copy(update={"element": element, "motion": motion, "tau": tau})

@@ -19,6 +19,7 @@ from errormodel.controllers.axes import directions_at_zero
 from errormodel.exceptions import InputError
 from errormodel.kernel import Kernel
 from errormodel.machine import Joint
+from errormodel.machine_rests import RESUMED_CHANNEL
 from identification.results.stored_fit import StoredFit
 
 if TYPE_CHECKING:
@@ -103,6 +104,8 @@ class Field:
             elif call and call[1] == "play":
                 k = place[call[2]]
                 columns.append(q[:, k] - direction[:, k] * float(call[3]) / 2)
+            elif again := RESUMED_CHANNEL.fullmatch(name):
+                columns.append(np.full(n, float(again[1])))
             else:  # in the steady state a lagged channel equals the channel itself
                 columns.append(np.full(n, self.state.get(call[2] if call else name, 0.0)))
         return as_rows(*columns)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from weakref import ref
 
 import numpy as np
 
@@ -150,12 +151,18 @@ def _sigma(survey: Survey, index: Index, measured: Array) -> Array | None:
     return None if covariance is None else np.sqrt(np.einsum("nii->ni", covariance))
 
 
-def series_of(survey: Survey, machine: Machine) -> list[Series]:
+# the survey, the machine and the series that were asked for last: standards, and `doubts`, ask for the same ones
+_latest: list[tuple[ref[Survey], Machine, tuple[Series, ...]]] = []
+
+
+def series_of(survey: Survey, machine: Machine) -> tuple[Series, ...]:
     """All series of a survey: of rows about one joint first, then of points."""
-    chain = Chain(machine)
-    out = list(_of_motions(survey, machine))
-    points = measured_points(survey, machine, chain)
-    return out if points is None else [*out, *_of_points(survey, machine, points)]
+    if _latest and _latest[0][0]() is survey and _latest[0][1] is machine:
+        return _latest[0][2]
+    points = measured_points(survey, machine, Chain(machine))
+    found = (*_of_motions(survey, machine), *(() if points is None else _of_points(survey, machine, points)))
+    _latest[:] = [(ref(survey), machine, found)]
+    return found
 
 
 def doubts(survey: Survey, machine: Machine) -> list[str]:

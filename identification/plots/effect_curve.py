@@ -14,6 +14,8 @@ from errormodel.channels import DERIVED_CHANNEL, root
 from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects import make
 from errormodel.effects.base import Effect
+from errormodel.machine_rests import RESUMED_CHANNEL
+from errormodel.path_speed import SPEED_CHANNEL
 from identification.diagnosis.search.model import EffectModel
 from identification.estimation.result import Fit
 from identification.plots import style
@@ -201,7 +203,9 @@ class Channels:
             return self._behind(self(call[2]), float(call[3]) / 2)
         if name.startswith("dir_"):
             return self._side()
-        found = self._given.get(root(name))
+        # of the speeds of several joints only that along which the curve runs is given
+        own = SPEED_CHANNEL.fullmatch(name) or RESUMED_CHANNEL.fullmatch(name)
+        found = self._given.get(name if own else root(name))
         return self._median(name) if found is None else found
 
     def _side(self) -> Array:

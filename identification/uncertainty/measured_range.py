@@ -27,7 +27,7 @@ def covered(chain: Chain, table: pd.DataFrame) -> dict[str, list[float]]:
     names = dict.fromkeys((*(j.name for j in chain.machine.joints), *map(root, chain.channels)))
     out = {}
     for name in names:
-        if name.startswith(_UNRANGED_PREFIXES) or name not in table:
+        if name == "row" or name.startswith(_UNRANGED_PREFIXES) or name not in table:
             continue
         values = table[name].to_numpy(dtype=np.float64)
         if np.isfinite(values).any():

@@ -21,7 +21,14 @@ from identification.observation.pose import IDENTITY, Pose
 from identification.results.stored_fit import StoredFit
 from identification.uncertainty.measured_range import beyond_notes
 from identification.uncertainty.reading_prediction import predicted_readings, rigid_parts
-from identification.uncertainty.recording_end import as_in_last_run, continued, in_last_run, started_anew
+from identification.uncertainty.recording_end import (
+    after_last_row,
+    as_in_last_run,
+    continued,
+    in_last_run,
+    started_anew,
+)
+from identification.uncertainty.unknown_rests import rested, with_other_use
 from identification.uncertainty.unknown_sides import midway
 
 if TYPE_CHECKING:
@@ -61,8 +68,10 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     labels = _labels(fit, points)
     channels = continued(fit.chain, fit.data.get("history", {}), points.table, fit.chain.columns(points.table))
     channels = in_last_run(fit.chain, fit.data.get("runs", ()), points.table, channels)
+    channels = after_last_row(fit.chain, channels)
     out = _predict_rows(fit, channels, labels)
     out = midway(fit.chain, points.table, channels, labels, out, partial(_predict_rows, fit))
+    out = with_other_use(fit.chain, channels, labels, out, partial(_predict_rows, fit))
     table = pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)
     if "joint" in points.table:
         table[[*MOTIONS, *MOTION_UNCERTAINTIES]] = _motions(fit, points, channels)
@@ -110,7 +119,8 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     own = (*fit.unlisted, *rotation_notes(fit.frames))
     late = started_anew(fit.chain, fit.data.get("history", {}), points.table)
     ended = as_in_last_run(fit.chain, fit.data.get("runs", ()), points.table)
-    return (*own, *_unfitted(fit, points), *free, *beyond, *late, *ended, *_arrivals(fit, points))
+    idle = rested(fit.chain, points.table)
+    return (*own, *_unfitted(fit, points), *free, *beyond, *late, *ended, *idle, *_arrivals(fit, points))
 
 
 def _arrivals(fit: StoredFit, points: Survey) -> Iterator[str]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Mask
 from errormodel.chain import Chain
-from errormodel.channels import DERIVED_CHANNEL, channel, clocks, lagged
+from errormodel.channels import DERIVED_CHANNEL, LAST_ROW, channel, clocks, lagged
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -99,8 +99,17 @@ def in_last_run(chain: Chain, runs: Sequence[str], table: pd.DataFrame, columns:
     ]
 
 
+def after_last_row(chain: Chain, columns: list[Array]) -> list[Array]:
+    """The columns of later commands: what changed from a row of the recording on, without a clock, stays so."""
+    return [np.full(len(c), LAST_ROW) if name == "row" else c for name, c in zip(chain.channels, columns, strict=True)]
+
+
 def as_in_last_run(chain: Chain, runs: Sequence[str], table: pd.DataFrame) -> Iterator[str]:
-    """A note on rows of runs that were not recorded, where a channel of the model is a run's."""
+    """Notes on what is predicted as the recording ended: in runs that were not recorded, or without a clock."""
+    if "row" in chain.channels:
+        yield (
+            "what changed from a row of the recording on, which has no column time, is predicted as the recording ended"
+        )
     if not runs or not (later := _not_recorded(runs, table)).any():
         return
     names = ", ".join(dict.fromkeys(table["run"].astype(str)[later]))

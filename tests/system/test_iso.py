@@ -14,6 +14,7 @@ import pytest
 from errormodel import read_machine, simulate
 from errormodel.machine import Joint
 from identification import fit, iso, standards
+from identification.iso_standards import series
 from tests.helpers.commands import MILL, done, run, tree, write
 
 CMM = "bridge_cmm"
@@ -297,3 +298,14 @@ def test_wrong_words_end_with_one_message(
     assert said in ended.err, ended.err
     assert ended.err.count("error:") == 1
     assert tree(fitted) == before
+
+
+def test_series_are_found_once_for_their_doubts_and_all_standards(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    found = series._of_points
+    monkeypatch.setattr(series, "_of_points", lambda *of: asked.append(of) or found(*of))
+    table = pd.DataFrame({"X": np.tile(np.linspace(0.0, 300.0, 7), 4), "Y": 0.0, "Z": 0.0})
+    iso("all", MILL, simulate(MILL, table, noise=0.001, seed=1))
+    assert len(asked) == 1
+    iso("230-2", MILL, simulate(MILL, table, noise=0.001, seed=2))  # another survey
+    assert len(asked) == 2

@@ -385,7 +385,7 @@ def unused_runs(survey: Survey) -> list[tuple[str, int]]:
 
 
 def _scene_columns(survey: Survey, table: RowChannels, chain: Chain, dead: Collection[str]) -> dict[str, Array]:
-    """Summary of the survey's rows, with the direction of approach of every joint whose column or order gives it."""
+    """Summary of the rows: columns, directions of approach and, of one file without a clock, their order."""
     plain = ("time", "feed", "load", *TOOL_CHANNELS)
     names = [c for c in survey.table.columns if (str(c).startswith(("T_", "w_")) and c not in dead) or c in plain]
     columns = {str(n): survey.table[n].to_numpy(dtype=float) for n in names}
@@ -393,7 +393,7 @@ def _scene_columns(survey: Survey, table: RowChannels, chain: Chain, dead: Colle
     if 2 <= len(runs) <= MOST_RUNS:  # of two, one is enough
         several = [label for label, n in runs if n >= LEAST_RUN][len(runs) == 2 :]
         columns |= {f"run({label})": table[f"run({label})"] for label in several}
-    for joint in chain.machine.joints:
-        columns[joint.name] = survey.table[joint.name].to_numpy(dtype=float)
-        columns[f"dir_{joint.name}"] = table[f"dir_{joint.name}"]
-    return columns
+    columns |= {} if "time" in columns or survey.table["file"].nunique() > 1 else {"row": table["row"]}
+    joints = [j.name for j in chain.machine.joints]
+    columns |= {name: survey.table[name].to_numpy(dtype=float) for name in joints}
+    return columns | {f"dir_{name}": table[f"dir_{name}"] for name in joints}

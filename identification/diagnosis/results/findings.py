@@ -223,7 +223,7 @@ def preference(step: Step, alternative: Step) -> str:
     if alternative.effect.empirical and not step.effect.empirical:
         return "a curve without a name can follow anything: known physics is preferred"
     if _odds(alternative) > _odds(step):
-        return "it can follow any smooth curve: a form that physics fixes is preferred"
+        return "it can follow any smooth curve, and counts for less than a form that physics fixes"
     return "what it leaves looks less like noise, or it departs more from its textbook form"
 
 

@@ -10,6 +10,7 @@ from errormodel.conventions import FRAME, INSTRUMENT, TOOL, Motion, iso_symbol, 
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.machine import Joint, Machine
+from errormodel.path_speed import SPEED_CHANNEL
 from identification.diagnosis.data_checks.blunder import length
 from identification.diagnosis.results.effect_size import Whole
 from identification.results.parameter_table import decimals, printed
@@ -108,6 +109,10 @@ def channel(name: str) -> str:
     if call := DERIVED_CHANNEL.fullmatch(name):
         behind = f" behind a lag of {duration(float(call[3]))}" if name.startswith("lag") else ", with play"
         return call[2] + behind
+    if moving := SPEED_CHANNEL.fullmatch(name):
+        return f"the speed of {moving[1]}"
+    if name == "row":
+        return "the order of the rows"
     if name.startswith("dir_"):
         return f"the side from which {name[4:]} arrives"
     return f"run {name[4:-1]}" if name.startswith("run(") else name
@@ -157,6 +162,8 @@ def shape(effect: Effect, machine: Machine) -> str:
             words.append(f"switching where {driver} passes {position(joints.get(driver), edge)}")
     if (at := getattr(effect, "at", None)) is not None:
         words.append(f"from {at:.5g} s on" if "time" in effect.drivers else f"at {position(joint, at)}")
+    if (row := getattr(effect, "row", None)) is not None:
+        words.append(f"from row {math.ceil(row)} on")
     if width := getattr(effect, "width", None):
         words.append(f"within {position(joint, width)}")
     if effect.random and (every := getattr(effect, "every", None)):

@@ -1,0 +1,105 @@
+"""Speed of each joint on the path of the commanded positions, from the feed, the order of the rows and their times.
+
+A control takes the feed as the speed along the path (F of ISO 6983), of which each joint has its share. The path is
+that of the linear axes; where only rotary ones move it is in degrees, and the feed in degrees per minute. The path's
+direction in a row is that of the step to it or, where it runs on through the row, of the steps before and after. Where
+many steps took the time that the feed lets expect, rows were read in motion, and the times say how fast: at the ends of
+a line the feed is not reached, and a row that was read at rest has no speed.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.arrays import Array, Index, Mask
+
+if TYPE_CHECKING:
+    from errormodel.machine import Machine
+
+SPEED_CHANNEL = re.compile(r"speed\(([^|]+)\|([^|]*)\|([^|]*)\)")
+RUNS_ON = 0.7  # cosine of the turn up to which a path runs on through a row; by judgement: corners turn by more
+AT_FEED = 0.9, 1.1  # of the feed: a step that was made at it; by judgement
+IN_MOTION = 0.2  # share of such steps, from which on rows were read in motion; by judgement: with pauses they are rare
+FASTEST = 1.2  # times the feed: faster was no feed; by judgement, since times are rounded
+PAUSE = 0.5  # ratio of the rates of two steps, below which the slower one had a pause in it; by judgement
+SIDEWAYS = 0.3  # share of a step that a joint may go against its side: on a curve it turns round between two rows
+STANDS = 1e-9  # mm or rad
+
+
+def speed_name(machine: Machine, joint: str) -> str:
+    """Name of the channel of a joint's speed on the path, mm/s or rad/s with its sign: ``speed(X|X,Y,Z|A,C)``."""
+    linear, turning = (",".join(j.name for j in machine.joints if j.type == kind) for kind in ("prismatic", "rotary"))
+    return f"speed({joint}|{linear}|{turning})"
+
+
+def path_speed(position: Array, linear: Mask, feed: Array, side: Array, time: Array, series: Index) -> Array:
+    """Speed of every joint in every row, (n, joints), mm/s and rad/s.
+
+    Parameters
+    ----------
+    position : commanded positions (n, joints), mm and rad, in the order in which they were reached.
+    linear : which joints are prismatic (joints,).
+    feed : along the path (n,), mm/min, and deg/min where only rotary joints move.
+    side : direction in which each joint came to each row (n, joints), +-1.
+    time : of the rows (n,), s; NaN where it is not known.
+    series : number of the series of rows (n,) that each belongs to; from one to another there is no step.
+    """
+    stays = (series[1:] == series[:-1]) & (np.abs(np.diff(position, axis=0)) <= STANDS).all(axis=1)
+    starts = np.flatnonzero(np.concatenate([[True], ~stays]))
+    ends = np.append(starts[1:], len(position)) - 1
+    place = np.cumsum(np.concatenate([[True], ~stays])) - 1  # of each row
+    # steps[k] leads to place k; before the first place of a series, and after the last, it is zero
+    steps, took = np.zeros((len(starts) + 1, position.shape[1])), np.full(len(starts) + 1, np.nan)
+    same = series[starts[1:]] == series[starts[:-1]]
+    steps[1:-1][same] = np.diff(position[starts], axis=0)[same]
+    took[1:-1][same] = (time[starts[1:]] - time[ends[:-1]])[same]
+    length = _length(steps, linear)
+    pace = feed / 60
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rate = np.where(took > 0, length / took, np.nan) / np.append(pace[starts], np.inf)  # of the feed
+    known = np.isfinite(rate[:-1])
+    moving = known.any() and np.mean((rate[:-1][known] > AT_FEED[0]) & (rate[:-1][known] < AT_FEED[1])) > IN_MOTION
+    before, after = slice(None, -1), slice(1, None)
+    came = side[starts]
+    ways = _unit(steps, position)
+    forth = [(length[s] > 0) & (ways[s] * came >= -SIDEWAYS).all(axis=1) for s in (before, after)]
+    straight = np.einsum("nj,nj->n", ways[before], ways[after])  # cosine of the turn at each place
+    if moving:
+        weight = [np.where(rate[s] < FASTEST, np.minimum(rate[s], 1.0), 0.0) for s in (before, after)]
+    else:
+        weight = [1.0 + np.append(1.0, straight[:-1]), 1.0 + np.append(straight[1:], -1.0)]
+    weight = [w * f for w, f in zip(weight, forth, strict=True)]
+    through = (straight > RUNS_ON) & (np.minimum(*weight) > (PAUSE * np.maximum(*weight) if moving else 0.0))
+    use = [through | (weight[0] >= weight[1]), through | (weight[0] < weight[1])]
+    path = sum(u[:, None] * steps[s] for u, s in zip(use, (before, after), strict=True))
+    way, lasted = (
+        sum(np.where(u, v[s], 0.0) for u, s in zip(use, (before, after), strict=True)) for v in (length, took)
+    )
+    pace_here = pace
+    if moving:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            timed = (np.where(lasted > 0, way / lasted, np.inf))[place]
+        pace_here = np.fmin(timed, pace)
+    along = _length(path, linear)
+    share = path / np.where(along > 0, along, 1.0)[:, None]
+    contrary = ~(forth[0] | forth[1])
+    share[contrary] = np.abs(share[contrary]) * came[contrary]
+    return np.asarray(pace_here[:, None] * share[place])
+
+
+def _length(steps: Array, linear: Mask) -> Array:
+    """Length of each step's path (n,): of the linear joints, mm; where these stand, of the others, degrees."""
+    slid = np.linalg.norm(steps[:, linear], axis=1)
+    turned = np.degrees(np.linalg.norm(steps[:, ~linear], axis=1))
+    return np.asarray(np.where(slid > STANDS, slid, turned))
+
+
+def _unit(steps: Array, position: Array) -> Array:
+    """Direction of each step, every joint in units of its range; 0 where there is none."""
+    span = np.ptp(position, axis=0)
+    scaled = steps / np.where(span > 0, span, 1.0)
+    size = np.linalg.norm(scaled, axis=1)
+    return np.asarray(scaled / np.where(size > 0, size, 1.0)[:, None])
