@@ -236,6 +236,7 @@ def _with_nearest(
             found_text = f"{error.found}. What fits instead: with --match nearest, {cause[0]}"
             return InputError(error.where, found_text, f"{cause[1]}; and add --match nearest")
         cure = error.cure.replace(ONLY_SERIAL, OTHER_COMMANDS)
+        cure = cure.replace(" or name", "") if pairs[0].how == "name" else cure
         return InputError(error.where, f"{error.found}{commanded.broken_off}", cure)
     if found.ways > 1 or np.array_equal(found.command, pairs[0].command):
         return error

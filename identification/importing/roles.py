@@ -105,6 +105,7 @@ _LABELS = {
     "load": r"load|payload",
     "sigma": r"sigma|std|uncertainty|u",
 }
+_NOMINAL = r"nenn|nominal|soll|target|consigne|deviation|abweichung"
 _POSITION = r"(target|nominal|soll|ziel|axis|achs)?(pos(ition|itionen)?)|target|nominal|soll(wert)?|consigne|posizione"
 _LETTERS = "XYZUVWABC"  # of joints, in the order of a programme
 _READING = (
@@ -210,6 +211,15 @@ def reading_roles(
     if "station" in out and OBSERVATION not in out and OBSERVATION not in names:
         out[OBSERVATION] = out.pop("station")
     return out
+
+
+def readings_beside(recording: Recording, machine: Machine) -> list[str]:
+    """Columns of numbers that may be readings of several instruments: none that counts rows or is nominal."""
+    names = [str(n) for n in recording.frame if recording.frame[n].dtype.kind == "f"]
+    own = [
+        n for n in names if not is_survey_column(n, machine) and n not in LABELS and not re.search(_NOMINAL, n.lower())
+    ]
+    return [n for n in own if not counts(recording.frame[n])]
 
 
 def counts(column: pd.Series[Any]) -> bool:

@@ -28,10 +28,10 @@ from identification.importing.end_points import calibrated, end_points
 from identification.importing.roles import (
     Kind,
     commands_by_place,
-    counts,
     nominal_and_actual,
     position_column,
     reading_roles,
+    readings_beside,
     roles,
     unused,
 )
@@ -379,7 +379,7 @@ def _what(path: Path, recording: Recording, machine: Machine, kind: Kind, single
     found = f"no measured coordinates among its columns {', '.join(names[:12])}{' ...' if len(names) > 12 else ''}"
     if single is not None:
         found = f"no column of a single {single.reading} among {', '.join(names[:12])}"
-        beside = [n for n in names if not is_column(n, machine) and frame[n].dtype.kind == "f" and not counts(frame[n])]
+        beside = readings_beside(recording, machine)
         cure = f"Say which it is: --columns {single.reading}=.."
         if len(beside) > 1:
             named = ",".join(f"{single.reading}:{'AB'[k]}={name}" for k, name in enumerate(beside[:2]))

@@ -199,7 +199,10 @@ def common_ball(balls: Mapping[str, Mapping[str, float]]) -> tuple[str, str]:
     near = max(SAME_BALL, AGREES * size)
     if apart <= near:
         return f"the circles show one ball, within {1e3 * apart:.2g} um", ""
-    says = f"the circles show balls {1e3 * apart:.3g} um apart: set anew for each, or an angle counts otherwise"
+    says = (
+        f"the circles show balls {1e3 * apart:.3g} um apart: set anew for each, or an angle counts otherwise, or the "
+    )
+    says += "deviations of one have the other sign"
     if len(balls) < 3:
         return says, ""
     cures = []

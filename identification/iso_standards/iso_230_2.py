@@ -18,7 +18,7 @@ from errormodel.arrays import Array
 from errormodel.surveys.record import UncertaintyRecord
 from identification.iso_standards.base import Evaluation, Quantity, Sheet, Standard, spread, text
 from identification.iso_standards.fitted import FittedMachine
-from identification.iso_standards.measured_lengths import BEAM_NOTE, lengths_of
+from identification.iso_standards.measured_lengths import BEAM_NOTE, ZERO_NOTE, lengths_of
 from identification.iso_standards.series import series_of
 from identification.iso_standards.targets import WORDS, Axis, as_json, axis_of, chart, of_readings, sheet
 
@@ -128,7 +128,7 @@ class Positions(NamedTuple):
     ----------
     q : (n,) commands; `along` (n,) deviations, `sigma` (n,) their declared standard uncertainties: mm or rad.
     direction : (n,) +-1, side of arrival.
-    beam : whether lengths were read.
+    beam : whether lengths were read; from_pose : each of them from a pose of its own.
     """
 
     label: str
@@ -138,6 +138,7 @@ class Positions(NamedTuple):
     sigma: Array | None
     direction: Array
     beam: bool = False
+    from_pose: bool = False
 
 
 def _tests(survey: Survey, machine: Machine) -> Iterator[Positions]:
@@ -150,7 +151,8 @@ def _tests(survey: Survey, machine: Machine) -> Iterator[Positions]:
     for lengths, name in zip(found, names, strict=True):
         label = name if names.count(name) == 1 else f"{name} ({lengths.label})"
         q = lengths.q[:, lengths.moving[0]]
-        yield Positions(label, "mm", q, lengths.deviation, lengths.sigma, lengths.direction, beam=True)
+        own = (q, lengths.deviation, lengths.sigma, lengths.direction)
+        yield Positions(label, "mm", *own, beam=True, from_pose=lengths.from_pose)
 
 
 class Positioning(Standard):
@@ -194,7 +196,8 @@ class Positioning(Standard):
             parts.append((series.label, series.unit, axis, quantities, tuple(remarks(series, axis))))
             if series.unit == "mm":
                 budgets += _budget(series.label, travel, own, noise, warm)
-        notes = (BEAM_NOTE,) if any(t.beam for t in found) else ()
+        notes: tuple[str, ...] = (BEAM_NOTE,) if any(t.beam for t in found) else ()
+        notes += (ZERO_NOTE,) if any(t.from_pose for t in found) else ()
         whole = _evaluation(self, f"survey {survey.source.name}", parts, notes)
         return replace(whole, sheets=(*whole.sheets, *budgets))
 

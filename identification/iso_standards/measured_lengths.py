@@ -22,6 +22,7 @@ FEWEST_TARGETS = 3
 OFF_LINE_SHARE = 1e-6  # of a line's length: commanded points closer to it lie on it
 # of the travel, by which lengths along a line may differ from it: more is a beam that lies across; 1.8 degrees
 ALIGNED_SHARE = 5e-4
+ZERO_NOTE = "of lengths between two poses the first pose is the zero, and no target"
 BEAM_NOTE = "a length is taken as the displacement along its line: the beam is held to lie along it"
 
 
@@ -38,6 +39,7 @@ class Lengths:
     deviation : (n,) mm, actual minus commanded displacement in that direction, from the first reading on.
     direction : (n,) +-1, side of arrival.
     sigma : (n,) standard uncertainty of a reading, mm; None where none is declared.
+    from_pose : whether each counts from a pose of its own.
     """
 
     label: str
@@ -47,6 +49,7 @@ class Lengths:
     deviation: Array
     direction: Array
     sigma: Array | None
+    from_pose: bool = False
 
 
 def lengths_of(survey: Survey, machine: Machine) -> Iterator[Lengths]:
@@ -107,4 +110,5 @@ def _along(survey: Survey, machine: Machine, chain: Chain, group: Group, own: In
     sides = sides_of(survey, machine.joints[moved[-1]], rows, position)
     label = f"{group.label}, run {group.run}" if group.run else group.label
     sigma = None if group.sigma is None else group.sigma[own]
-    return Lengths(label, tuple(int(k) for k in moved), at, position, deviation, sides, sigma)
+    moving = tuple(int(k) for k in moved)
+    return Lengths(label, moving, at, position, deviation, sides, sigma, group.observation.poses > 1)
