@@ -348,6 +348,7 @@ def test_two_writers_and_a_reader(two: Path, system: tuple[str, ...], monkeypatc
     finally:
         for process in processes:
             end(process)
+    store.load(Path("fit"))  # which recovers a folder that was aside
     assert {n: b for n, b in tree(Path("fit")).items() if n != "manifest.json"} in whole
 
 
