@@ -23,6 +23,7 @@ SURVEY_FILE = "survey.yaml"
 Role = Literal["fit", "test"]
 Frame = Literal["shared", "per-run", "per-file", "fixed"]
 Refit = Literal["frame", "tool"]
+Axes = Literal["reference", "tool"]  # along which mx my mz were read
 
 if TYPE_CHECKING:
     AnyInstrument: TypeAlias = Instrument
@@ -89,7 +90,7 @@ class FileEntry(RawEntry):
     commands: RawEntry | None = Field(None, description="the file with the commands: a block as of a raw file")
     pairs: str = Field("", description="CSV of which rows were measured at which command: command, first, last")
     targets: dict[str, Vector3] = Field({}, description="functional point (mm) of each target, such as {A: [0, 0, 50]}")
-    axes: Literal["reference", "tool"] = Field(
+    axes: Axes = Field(
         "reference", description="of mx my mz: tool, of a nest in the spindle whose readings are along its own axes"
     )
 

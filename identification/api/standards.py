@@ -88,7 +88,7 @@ def _evaluated(
     from identification.conformity.decision import check_names, conformity
     from identification.iso_standards import registry
     from identification.iso_standards import standards as named
-    from identification.iso_standards.series import doubts
+    from identification.iso_standards.series import doubts, series_kept
     from identification.results.evaluation_result import EvaluationResult
 
     wanted = [kind() for kind in registry().values()] if standard == ALL else named(standard)
@@ -107,9 +107,11 @@ def _evaluated(
     else:
         machine = machine_of(source)
         data = survey_of(survey, machine, progress)
-        record, inputs, notes = data.record, _inputs(None), (*doubts(data, machine), *data.notes)
-        with progress("Evaluating"):
-            found = _each(wanted, standard == ALL, lambda kind: kind.of_survey(data, machine))
+        record, inputs = data.record, _inputs(None)
+        with series_kept():
+            notes = (*doubts(data, machine), *data.notes)
+            with progress("Evaluating"):
+                found = _each(wanted, standard == ALL, lambda kind: kind.of_survey(data, machine))
     quantities = [q for e in found for q in e.quantities]
     check_names(given, quantities, "tolerance")
     limits = {**(record.limits if record else {}), **given}

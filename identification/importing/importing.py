@@ -153,7 +153,9 @@ def import_files(
         if proof.other is not None and wishes.match != "order":  # who says the order has confirmed it
             warnings.append(f"{proof.other.text}. {CURE}")
     warnings += [text for text in (proof.too_good, proof.one_place and proof.one_place.note) if text]
-    warnings += [text for text in (ball_notes(traces)[1], *(t.copied for t in traces)) if text]
+    warnings += [f"{t.source.raw.path.name}: {t.copied}" for t in traces if t.copied]
+    if warning := ball_notes(traces)[1]:
+        warnings.append(warning)
     places = set_ups(chain, survey, readings)
     warnings += [*computed_notes(survey, places.lengths), *copy_notes(survey)]
     if warnings:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from errormodel.nominal import Nominal
 from errormodel.simulation import outward
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED
+from errormodel.surveys.file import Axes
 from identification.diagnosis.data_checks.blunder import Points
 from identification.importing.exchanged_rows import places_changed
 from identification.observation.assembly import build
@@ -37,7 +37,6 @@ FAR = 6.0  # times the distance of four in five rows
 CURE = "Give each reading with the command at which it was read, or names of points on both sides"
 
 
-Axes = Literal["reference", "tool"]
 AXES: dict[Axes, str] = {
     "reference": "the axes of the machine's reference (a table at the beginning of the chain turns them)",
     "tool": "the axes of the tool (a nest in the spindle)",

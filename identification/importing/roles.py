@@ -198,8 +198,7 @@ def reading_roles(
         if any(m in out or m in names for m in MEASURED):
             return out
         taken = {t.removeprefix("-") for t in out.values()} | {j.name for j in machine.joints}
-        free = [n for n in names if n not in taken and recording.frame[n].dtype.kind == "f"]
-        free = [n for n in free if not is_survey_column(n, machine) and n not in LABELS]
+        free = [n for n in _unknown_numbers(recording, machine) if n not in taken]
         own = [n for n in free if re.fullmatch(_READING, _bare(n))] or [
             n for n in free if not counts(recording.frame[n])
         ]
@@ -215,11 +214,14 @@ def reading_roles(
 
 def readings_beside(recording: Recording, machine: Machine) -> list[str]:
     """Columns of numbers that may be readings of several instruments: none that counts rows or is nominal."""
-    names = [str(n) for n in recording.frame if recording.frame[n].dtype.kind == "f"]
-    own = [
-        n for n in names if not is_survey_column(n, machine) and n not in LABELS and not re.search(_NOMINAL, n.lower())
-    ]
+    own = [n for n in _unknown_numbers(recording, machine) if not re.search(_NOMINAL, n.lower())]
     return [n for n in own if not counts(recording.frame[n])]
+
+
+def _unknown_numbers(recording: Recording, machine: Machine) -> list[str]:
+    """Columns of numbers that have no name of a survey's."""
+    names = [str(n) for n in recording.frame if recording.frame[n].dtype.kind == "f"]
+    return [n for n in names if not is_survey_column(n, machine) and n not in LABELS]
 
 
 def counts(column: pd.Series[Any]) -> bool:

@@ -21,7 +21,7 @@ from errormodel.raw_formats.commanded_circle import CommandedCircle
 from errormodel.raw_formats.programme_poses import NO_END
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.surveys.columns import MEASURED, quantity_of
-from errormodel.surveys.file import RawEntry
+from errormodel.surveys.file import Axes, RawEntry
 from errormodel.surveys.raw import LABELS, LEFT_OUT, READ_BACK, is_column, read_raw, with_map
 from errormodel.units import factor, is_unit
 from identification.importing.end_points import calibrated, end_points
@@ -78,7 +78,7 @@ class Wishes:
     log_offset: float = 0.0
     circle: CommandedCircle | None = None
     observations: Mapping[str, Observation] = field(default_factory=dict)
-    axes: Literal["reference", "tool"] = "reference"
+    axes: Axes = "reference"
     sheet: str = ""
     leave_out: Mapping[str, Sequence[int]] = field(default_factory=dict)
 

@@ -18,7 +18,6 @@ from identification.importing.trace_proof import Circle, common_ball, refuse_exc
 FOREIGN = 0.02  # of the radius: a ball further off its centre, or a deviation as large, is no test; by judgement
 
 
-COPY = "is a copy of"
 MANY = 30  # readings, to compare both ways
 COPIED = 0.7  # of them alike to the last digit: with noise a few are
 COMPLETE = 350.0  # degrees: an export may leave out the ends of a turn
@@ -37,6 +36,7 @@ class Trace:
     off_um : how far the ball was from the centre; span_um : peak to peak of the radial deviation from the ball.
     ball : place of the ball along the two axes of the plane, mm from the centre.
     centre : commanded position of every joint there.
+    copied : that one sense is a copy of the other, in words; empty where it is not.
     says : what else was seen of its readings.
     """
 
@@ -49,6 +49,7 @@ class Trace:
     span_um: float
     ball: dict[str, float]
     centre: dict[str, float]
+    copied: str = ""
     says: tuple[str, ...] = ()
 
     @property
@@ -57,11 +58,6 @@ class Trace:
         recording = self.source.recording
         word, kind = next((w, k) for w, k in registry().items() if k.trace == recording.trace)
         return {"type": word, **kind.traced(recording.reach)}
-
-    @property
-    def copied(self) -> str:
-        """That one sense is a copy of the other; empty where it is not."""
-        return next((f"{self.source.raw.path.name}: {s}" for s in self.says if COPY in s), "")
 
     @property
     def line(self) -> str:
@@ -116,14 +112,14 @@ def _trace(source: SourceFile, label: str, plane: str) -> Trace:
     run = Circle(angle, _senses(source, plane, angle, rows), length[rows], row_places(rows, source.recording.lines))
     both = len({*run.sense.tolist()}) > 1
     says = (
-        *_copied(run),
+        copied := _copied(run),
         *_singles(refuse_exchanged(run, source.raw.name)),
         *_parts(run),
         *[refuse_shifted(run, source.raw.name)],
     )
     return Trace(
         source, label, plane, radius, both, 1e3 * off, 1e3 * float(np.ptp(left)), ball, dict(circle.centre),
-        tuple(s for s in says if s),
+        copied, tuple(s for s in says if s),
     )  # fmt: skip
 
 
@@ -134,14 +130,12 @@ def _senses(source: SourceFile, plane: str, angle: Array, rows: Index) -> Array:
     return np.asarray(np.where(grows >= 0, 1.0, -1.0))
 
 
-def _copied(run: Circle) -> Iterator[str]:
-    """That one sense repeats the other, in words."""
-    ways = [run.length[run.sense == sense] for sense in (1.0, -1.0)]
-    for other in (ways[1], ways[1][::-1]):
-        n = min(map(len, ways))
-        if n >= MANY and len(ways[0]) == len(other) and np.mean(ways[0] == other) > COPIED:
-            yield f"both ways hold the same readings to the last digit: one {COPY} the other, which hides backlash"
-            return
+def _copied(run: Circle) -> str:
+    """That one sense repeats the other, in words; empty where it does not."""
+    one, other = (run.length[run.sense == sense] for sense in (1.0, -1.0))
+    if not MANY <= len(one) == len(other) or max(np.mean(one == other), np.mean(one == other[::-1])) <= COPIED:
+        return ""
+    return "both ways hold the same readings to the last digit: one is a copy of the other, which hides backlash"
 
 
 def _singles(count: int) -> Iterator[str]:

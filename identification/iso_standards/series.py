@@ -8,8 +8,9 @@ frame of the survey as far as the points determine it.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
-from weakref import ref
 
 import numpy as np
 
@@ -151,17 +152,30 @@ def _sigma(survey: Survey, index: Index, measured: Array) -> Array | None:
     return None if covariance is None else np.sqrt(np.einsum("nii->ni", covariance))
 
 
-# the survey, the machine and the series that were asked for last: standards, and `doubts`, ask for the same ones
-_latest: list[tuple[ref[Survey], Machine, tuple[Series, ...]]] = []
+# Series of each survey and machine (by identity), while `series_kept` holds them
+_Kept = dict[tuple[int, int], tuple[Series, ...]]
+_kept: ContextVar[_Kept | None] = ContextVar("kept", default=None)
+
+
+@contextmanager
+def series_kept() -> Iterator[None]:
+    """Within it the series of a survey are found once: `doubts` and all standards ask for the same ones."""
+    token = _kept.set({})
+    try:
+        yield
+    finally:
+        _kept.reset(token)
 
 
 def series_of(survey: Survey, machine: Machine) -> tuple[Series, ...]:
     """All series of a survey: of rows about one joint first, then of points."""
-    if _latest and _latest[0][0]() is survey and _latest[0][1] is machine:
-        return _latest[0][2]
+    kept, key = _kept.get(), (id(survey), id(machine))
+    if kept is not None and key in kept:
+        return kept[key]
     points = measured_points(survey, machine, Chain(machine))
     found = (*_of_motions(survey, machine), *(() if points is None else _of_points(survey, machine, points)))
-    _latest[:] = [(ref(survey), machine, found)]
+    if kept is not None:
+        kept[key] = found
     return found
 
 

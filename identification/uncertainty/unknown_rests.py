@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Array, Index, as_rows
+from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.machine_rests import RESUMED_CHANNEL
+from identification.uncertainty.other_assumption import Predict, half_change
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,7 +29,7 @@ def with_other_use(
     channels: list[Array],
     labels: Array,
     predicted: Array,
-    predict: Callable[[list[Array], Array], Array],
+    predict: Predict,
 ) -> Array:
     """Predictions (n, 9), half of whose difference from those of a machine that worked on is in their uncertainty.
 
@@ -41,10 +42,9 @@ def with_other_use(
     """
     out = predicted.copy()
     for number, until, rows in _rested(chain, channels):
-        other = [c[rows] for c in channels]
-        other[number] = np.full(len(rows), until)
-        half = (predict(as_rows(*other), labels[rows])[:, :3] - predicted[rows, :3]) / 2
-        out[rows, 6:] = np.hypot(out[rows, 6:], half)
+        worked_on = np.full(len(rows), until)
+        half = half_change(channels, labels, predicted, predict, number, rows, worked_on)
+        out[rows, 6:] = np.hypot(out[rows, 6:], half[:, :3])
     return out
 
 

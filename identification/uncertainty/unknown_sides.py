@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Array, Index, as_rows
+from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.channels import unknown_sides
+from identification.uncertainty.other_assumption import Predict, half_change
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,7 +31,7 @@ def midway(
     channels: list[Array],
     labels: Array,
     predicted: Array,
-    predict: Callable[[list[Array], Array], Array],
+    predict: Predict,
 ) -> Array:
     """Predictions (n, 9) of which those from an unknown side are the mean of both, half their difference uncertain.
 
@@ -43,9 +44,7 @@ def midway(
     """
     out = predicted.copy()
     for number, rows in _unknown(chain, table):
-        other = [c[rows] for c in channels]
-        other[number] = -other[number]
-        half = (predict(as_rows(*other), labels[rows])[:, :6] - predicted[rows, :6]) / 2
+        half = half_change(channels, labels, predicted, predict, number, rows, -channels[number][rows])
         out[rows, :6] += half
         out[rows, 6:] = np.hypot(out[rows, 6:], half[:, 3:])
     return out
