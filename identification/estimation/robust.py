@@ -24,7 +24,7 @@ from identification.observation.models import Kind, View
 from identification.observation.normal_equations import accumulate, design_rows, sampled, total, view_vector
 from identification.observation.sums import Sums
 from identification.runtime.blas import one_blas_thread
-from identification.runtime.convex_solver import optimise
+from identification.runtime.convex_solver import optimise, sum_of
 
 # Distance from the nominal machine, in median distances, to which rows are shortened for the start: keeps the digits
 # of the solver
@@ -262,7 +262,7 @@ def _smallest_sum(
     goal = 0.5 * sum_squares((np.sqrt(precision)[:, None] * inverse) @ x)
     for a, end in zip(aims, ends, strict=True):
         rest = b[end - a.size : end] - (unit * Q[end - a.size : end]) @ x
-        goal += norm(reshape(rest, a.shape, order="C"), 2, axis=0).sum()
+        goal += sum_of(norm(reshape(rest, a.shape, order="C"), 2, axis=0))
     optimise(cp.Problem(cp.Minimize(goal)))  # an inexact solution is accurate enough as a start
     start = unit * (Q.T @ b) / len(Q) if x.value is None else x.value
     return np.asarray(inverse @ start)

@@ -14,7 +14,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 from identification.planning.design import Space
-from identification.runtime.convex_solver import optimise
+from identification.runtime.convex_solver import optimise, sum_of
 
 MOST_QP_STEPS = 12  # steps of the sequential quadratic programme
 D_OPTIMALITY_GAP = 0.002  # gap of log det per rank to the bound of the equivalence theorem at which it stops
@@ -81,7 +81,7 @@ def _quadratic(weights: Array, curve: Array, planes: list[Array]) -> Array:
     new, top = cp.Variable(len(weights), nonneg=True), cp.Variable()
     step = new - weights / unit
     scale = unit * float(np.abs(slopes).max())
-    limits = [top >= (values - values.max()) / scale + (unit / scale * slopes) @ step, new.sum() == len(weights)]
+    limits = [top >= (values - values.max()) / scale + (unit / scale * slopes) @ step, sum_of(new) == len(weights)]
     bend = sum_squares((unit / np.sqrt(scale) * factor) @ step)
     optimise(cp.Problem(cp.Minimize(top + 0.5 * bend), limits))  # may be inexact: a line search follows
     if new.value is None:

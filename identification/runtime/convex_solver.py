@@ -5,6 +5,8 @@ from __future__ import annotations
 import warnings
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 if TYPE_CHECKING:
     import cvxpy
 
@@ -25,3 +27,12 @@ def optimise(problem: cvxpy.Problem, accuracy: float | None = None) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of an inexact answer
         problem.solve(solver=cp.CLARABEL, **settings)  # type: ignore[no-untyped-call]
+
+
+def sum_of(vector: cvxpy.Expression) -> cvxpy.Expression:
+    """The sum of a vector's entries.
+
+    `cvxpy.sum` finds its shape by adding up memory that nobody has written to, which may warn of invalid values.
+    """
+    added: cvxpy.Expression = vector.__rmatmul__(np.ones(vector.size))
+    return added

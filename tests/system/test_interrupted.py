@@ -22,8 +22,19 @@ def started(program: str, *arguments: object) -> subprocess.Popen[str]:
     """A command in a session of its own, so that what it leaves behind can be counted."""
     return subprocess.Popen(
         [sys.executable, "-c", program, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        text=True, start_new_session=True, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        text=True, start_new_session=True, env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONFAULTHANDLER": "1"},
     )  # fmt: skip
+
+
+def said_by(process: subprocess.Popen[str], soon: float = SOON_S) -> str:
+    """What a process says on stderr until it ends; where it does not, the test fails with what it was at."""
+    try:
+        _, err = process.communicate(timeout=soon)  # hangs where a process of it holds stderr
+    except subprocess.TimeoutExpired:
+        process.send_signal(signal.SIGABRT)
+        _, err = process.communicate(timeout=SOON_S)
+        pytest.fail(f"has not ended after {soon} s: {err}")
+    return err
 
 
 def left_of(session: int) -> list[str]:
@@ -44,7 +55,7 @@ def test_a_word_and_130(delay: float, tmp_path: Path) -> None:
     time.sleep(0.05 + delay)
     begun = time.monotonic()
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=SOON_S)  # hangs where a process of it holds stderr
+    err = said_by(process)
     if process.returncode == 0:  # it was done before
         pytest.skip("the command was faster")
     assert process.returncode == 130, err
@@ -83,14 +94,15 @@ STARTS = {
 def test_a_word_while_modules_load(start: str, name: str) -> None:
     """Handlers come before all modules but those of the start of a command and `signal`."""
     process = started(LOADING.format(name=name, start=STARTS[start]))
-    _, err = process.communicate(timeout=SOON_S)
+    err = said_by(process)
     assert (process.returncode, err.strip()[:7]) == (128 + getattr(signal, name), "stopped"), err
     assert "Traceback" not in err
 
 
+# Sleeps are short: a signal between the interpreter's last look and the call of the system waits until that returns.
 DRAWING = f"""
 import time, identification.report
-identification.report.report = lambda *_: (print('up', flush=True), time.sleep(60))
+identification.report.report = lambda *_: (print('up', flush=True), [time.sleep(0.1) for _ in range(600)])
 {START.replace("print('up', flush=True)", "pass")}
 """
 
@@ -108,7 +120,7 @@ def test_a_report_that_is_stopped_leaves_nothing(name: str, tmp_path: Path) -> N
         pass
     assert [p for p in tmp_path.iterdir() if p.name.endswith(".part")]
     process.send_signal(number)
-    _, err = process.communicate(timeout=SOON_S)
+    err = said_by(process)
     assert (process.returncode, err.strip()[:7]) == (128 + number, "stopped")
     assert {p.name for p in tmp_path.iterdir()} == {".errormodel.sha256", "s.csv"}
 
@@ -122,7 +134,7 @@ def entry():
     print("up", flush=True)
     while True:
         try:
-            time.sleep(60)
+            time.sleep(0.1)
         except KeyboardInterrupt:  # as a library that calls back into Python may lose it
             pass
 main.entry = entry
@@ -138,7 +150,7 @@ def test_an_interruption_that_is_lost_ends_the_process_all_the_same(name: str) -
     assert process.stdout is not None
     process.stdout.readline()
     process.send_signal(number)
-    _, err = process.communicate(timeout=SOON_S)
+    err = said_by(process)
     assert (process.returncode, err.strip()[:7]) == (128 + number, "stopped")
 
 
@@ -148,7 +160,7 @@ def test_an_interruption_that_a_library_makes_an_error_of_its_own_is_one() -> No
     assert process.stdout is not None
     process.stdout.readline()
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=SOON_S)
+    err = said_by(process)
     assert (process.returncode, err.strip()[:7]) == (130, "stopped")
     assert "Traceback" not in err
 
@@ -161,7 +173,7 @@ def test_a_parent_that_ignores_them_goes_before(name: str, tmp_path: Path) -> No
     assert process.stdout is not None
     process.stdout.readline()
     process.send_signal(getattr(signal, name))
-    process.communicate(timeout=60)
+    said_by(process, 60.0)
     assert process.returncode == 0
     assert tree(tmp_path)
 
