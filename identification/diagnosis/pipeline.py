@@ -166,6 +166,8 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         causes.append(checked_alternative(cause, model, g, functions, log))
     nameless = [g[0].effect for g, cause in zip(model.findings, causes, strict=True) if cause.nameless]
     final = known_where_recorded(final, model, first, nameless)
+    if dependence is not None:
+        final = replace(final, systematic_mm=1e-3 * dependence.coordinate_um)
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))

@@ -103,6 +103,7 @@ class FitFile(_Part):
     sigma_um: NotNegative | None = 0.0  # none of positions
     sigma_interval_um: list[Figure] = []
     coverage: Annotated[Number, Field(gt=0)] = 1.0
+    systematic_um: NotNegative = 0.0
     observations: list[_SetUp] = []
 
 

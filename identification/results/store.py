@@ -91,6 +91,7 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
         "reduced_chi2": whole,
         "inflation": fit.inflation,
         "coverage": fit.coverage,
+        "systematic_um": 1e3 * fit.systematic_mm,
         "passes": s.passes,
         "converged": s.converged,
         "streamed": None if fit.streamed is None else _streamed_json(fit.streamed, len(fit.survey)),

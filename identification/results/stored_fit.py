@@ -44,6 +44,7 @@ class StoredFit:
     set_ups: dict[str, float] = field(default_factory=dict)  # unknown numbers of observations, mm and rad
     free_reference: bool = False  # only readings were fitted, which do not show where the machine stands
     coverage: float = 1.0  # factor on standard uncertainties of predictions, for noise from few degrees of freedom
+    systematic: float = 0.0  # mm of a coordinate, left in the residuals though it depends on what was recorded
     unlisted: tuple[str, ...] = ()  # what is said of a folder whose files cannot be checked
 
     @property
@@ -81,6 +82,7 @@ def stored(fit: Fit, groups: Sequence[Mapping[str, Any]]) -> StoredFit:
         set_ups={v.id: v.value for v in set_ups(fit)},
         free_reference=bool(fit.problem.readings) and not fit.problem.frames and fit.survey.frame != "fixed",
         coverage=fit.coverage,
+        systematic=fit.systematic_mm,
     )
 
 
@@ -110,6 +112,7 @@ def read_files(folder: Path) -> StoredFit:
             {str(v["id"]): float(v["value"]) for v in data.get("observations", [])},
             bool(data.get("readings")) and not data["frame"] and data["frame_mode"] != "fixed",
             float(data.get("coverage", 1.0)),
+            1e-3 * float(data.get("systematic_um", 0.0)),
         )
     except OSError as error:
         raise InputError(str(path), f"it cannot be read ({error.strerror})", CURE) from error

@@ -303,7 +303,7 @@ def _prediction(fit: Fit, stored: StoredFit, effects: Sequence[_Effect]) -> Budg
     first = source.iloc[0]
     table = table.assign(run=first["run"], file=first["file"], role="fit", row=np.arange(1, WORST_POSE_CANDIDATES + 1))
     points = replace(fit.survey, table=table)
-    known = predict(replace(stored, coverage=1.0), points)[["ux", "uy", "uz"]].to_numpy()
+    known = predict(replace(stored, coverage=1.0, systematic=0.0), points)[["ux", "uy", "uz"]].to_numpy()
     worst, axis = np.unravel_index(int(np.argmax(known)), known.shape)
     rows = as_rows(*(c[[worst]] for c in fit.chain.columns(table)))
     label = next(iter(fit.problem.frames), None)
@@ -313,9 +313,10 @@ def _prediction(fit: Fit, stored: StoredFit, effects: Sequence[_Effect]) -> Budg
     unseen = float(known[worst, axis]) ** 2 - through
     if unseen > 1e-6 * through:
         lines.append(Input(UNIDENTIFIED_LINE, "B", "normal", sqrt(unseen), "mm", 1.0))
-    form = _form(fit)
+    form, name = _form(fit), "form of the model, from blocks of rows left out"
+    if fit.systematic_mm > form:  # the same cause: one line
+        form, name = fit.systematic_mm, "form of the model, from what is left and depends on what was recorded"
     if form > 0:
-        name = "form of the model, from blocks of rows left out"
         lines.append(Input(name, "A", "normal", form, "mm", 1.0, float(max(fit.folds - 1, 1))))
     lines += [_input(e, "mm") for e in fit.survey.budget if e.acts == "prediction"]
     pose = ", ".join(

@@ -49,8 +49,9 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
 
     Effects of the instrument (a moved station, drift, scale) are part of the measured position, not of the machine's
     error. The uncertainty contains the covariance of the estimated parameters and, for unidentified parameters that act
-    here (with another tool, for instance), the size of the identified ones of the same unit. Where the noise was
-    estimated with few degrees of freedom it is widened, so that twice it covers 95.45 % (Student's t).
+    here (with another tool, for instance), the size of the identified ones of the same unit; where the noise was
+    estimated with few degrees of freedom it is widened, so that twice it covers 95.45 % (Student's t). Of a position
+    and an error it contains what a diagnosis found left that depends on something recorded, too.
 
     Parameters
     ----------
@@ -168,7 +169,7 @@ def _predict_frame(fit: StoredFit, rows: list[Array], label: str | None) -> Arra
         design = design - np.einsum("kim,kp->pim", rigid, parts)
         shift = np.einsum("kim,k->mi", rigid, parts @ [p[chain.index[i]] for i in own])
         error, measured = error - shift, measured - shift
-    variance = _variance(fit, names, design)
+    variance = _variance(fit, names, design) + fit.systematic**2
     return np.hstack([measured, pose.apply(error) - pose.apply(nominal), np.sqrt(variance).T])
 
 

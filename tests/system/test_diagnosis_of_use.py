@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from errormodel.machine_file import read_machine
 from errormodel.survey import Survey
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.extension import explained
+from identification.diagnosis.pipeline import diagnose
 from identification.estimation.fit import fit_machine
 from identification.results import store
 from identification.results.predictions import predicted
@@ -85,3 +87,24 @@ def test_without_a_clock_the_row_says_when_the_station_moved(machine: Machine, t
     moved = predicted(store.load(tmp_path), early)[["mx", "my", "mz"]].to_numpy()
     gap = moved - shown.table.head(40)[["mx", "my", "mz"]].to_numpy()
     assert np.linalg.norm(gap.mean(axis=0)) == pytest.approx(np.linalg.norm([0.02, 0.01, -0.01]), rel=0.2)
+
+
+def test_what_is_left_and_follows_something_recorded_is_in_the_uncertainty_of_predictions(
+    machine: Machine, tmp_path: Path
+) -> None:
+    """A scale of Y that wanders: nothing has its name, nor its form, and other poses are wrong by it."""
+    survey = empty_survey(machine, 240, 5, channels=False, grid=False)
+    shown = showing(survey, machine, [], 0.002)
+    wander = np.cumsum(np.random.default_rng(3).normal(size=240))
+    wander -= wander.mean()
+    table = shown.table.assign(my=shown.table["my"] + 4e-5 * wander / wander.std() * shown.table["Y"])
+    diagnosis = diagnose(machine, replace(shown, table=table))
+    left = diagnosis.diagnosis.dependence
+    assert left is not None
+    store.save(diagnosis.final, tmp_path)
+    fit = store.load(tmp_path)
+    known = predicted(replace(fit, systematic=0.0), survey)["uy"].to_numpy()
+    whole = predicted(fit, survey)["uy"].to_numpy()
+    assert np.sqrt(whole**2 - known**2) == pytest.approx(1e-3 * left.size_um / np.sqrt(3))
+    lines = {i["name"]: i["std"] for i in fit.data["budget"]["prediction"]["inputs"]}
+    assert max(v for name, v in lines.items() if name.startswith("form of the model")) >= 1e-3 * left.coordinate_um
