@@ -6,11 +6,13 @@ A short reversal recovers only part of the reversal error. Units: mm along the a
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
+from errormodel.effects.families import Traits
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Positive
 from errormodel.machine import Machine, joint_of
@@ -31,6 +33,11 @@ class Hysteresis(JointEffect):
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "width": 60.0}
 
     width: Positive
+
+    @classmethod
+    def traits(cls) -> Traits:
+        """Friction has many plays of several widths, of which this is the one that fits best."""
+        return replace(super().traits(), form_uncertainty=0.3)  # of later poses of five recordings
 
     @property
     def cost(self) -> float:

@@ -6,12 +6,14 @@ Six motions of the measuring frame, mm and rad, as functions of time.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Annotated, ClassVar
 
 from pydantic import Field
 
 from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS, unit_of
 from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm, ShapeParameter
+from errormodel.effects.families import Traits
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import settling, start_of
 from errormodel.machine import Machine
@@ -33,6 +35,11 @@ class TrackerDrift(Effect):
     start: Annotated[float, FIXED] = 0.0  # s
     duration: Annotated[float, FIXED] = Field(3600.0, gt=0)  # s
     tau: Annotated[float, ShapeParameter("s")] = Field(0.0, ge=0)  # s; 0: even drift
+
+    @classmethod
+    def traits(cls) -> Traits:
+        """A stand settles in forms of its own, and goes on after the last row as nobody has seen."""
+        return replace(super().traits(), form_uncertainty=0.3)  # of later poses of three recordings
 
     @property
     def where(self) -> str:

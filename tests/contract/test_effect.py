@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -74,7 +75,10 @@ def test_family_and_reversal(word: str) -> None:
     machine, effect = example(word)
     traits = effect.traits()
     assert 0 <= traits.form_uncertainty < 0.5
-    assert traits == FAMILIES.get(effect.family, Traits())
+    family = FAMILIES.get(effect.family, Traits())
+    assert (
+        replace(traits, form_uncertainty=family.form_uncertainty) == family
+    )  # a form may be less sure than the others
     assert isinstance(effect.positive(machine), str)
     values = [0.01 * (k + 1) for k in range(len(effect.terms(lambda _: np.ones(1), machine)))]
     ends = effect.reversal(values)
