@@ -76,9 +76,8 @@ def test_family_and_reversal(word: str) -> None:
     traits = effect.traits()
     assert 0 <= traits.form_uncertainty < 0.5
     family = FAMILIES.get(effect.family, Traits())
-    assert (
-        replace(traits, form_uncertainty=family.form_uncertainty) == family
-    )  # a form may be less sure than the others
+    # a form may be less sure than those of the others
+    assert replace(traits, form_uncertainty=family.form_uncertainty) == family
     assert isinstance(effect.positive(machine), str)
     values = [0.01 * (k + 1) for k in range(len(effect.terms(lambda _: np.ones(1), machine)))]
     ends = effect.reversal(values)
