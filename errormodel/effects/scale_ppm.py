@@ -13,11 +13,14 @@ from errormodel.conventions import FRAME, TRANSLATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import warmth
-from errormodel.machine import Machine
+from errormodel.machine import Machine, Vector
 
 
 class ScalePpm(Effect):
-    """Relative error of all lengths (1), or of those of one `run`; with a `sensor` per K over 20 degC (1/K)."""
+    """Relative error of all lengths (1), or of those of one `run`; with a `sensor` per K over 20 degC (1/K).
+
+    Lengths are those from the `station`: about another point a scale that changes would leave a shift.
+    """
 
     effect: ClassVar[str] = "scale-ppm"
     family: ClassVar[str] = "instrument"
@@ -26,6 +29,7 @@ class ScalePpm(Effect):
     separate: ClassVar[str] = "a known length, or a second station at another distance"
     example: ClassVar[Mapping[str, object]] = {"sensor": "T_amb"}
 
+    station: Vector = (0.0, 0.0, 0.0)  # mm, in the reference's axes
     sensor: str | None = None  # temperature of the air
     run: str | None = None
 
@@ -45,10 +49,13 @@ class ScalePpm(Effect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         factor = warmth(channel, self.sensor) if self.sensor else 1.0
         factor = factor * channel(f"run({self.run})") if self.run else factor
-        motion = {name: factor * channel(p) for name, p in zip(TRANSLATIONS, POINT_CHANNELS, strict=True)}
+        lengths = (channel(p) - s for p, s in zip(POINT_CHANNELS, self.station, strict=True))
+        motion = {name: factor * length for name, length in zip(TRANSLATIONS, lengths, strict=True)}
         return [EffectTerm(FRAME, "", "1/K" if self.sensor else "1", motion, 1e-6 if self.sensor else 5e-6)]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        yield from (cls(sensor=sensor) for sensor in (None, *scene.sensors))
-        yield from (cls(run=name[4:-1]) for name in scene.runs)
+        yield cls()  # about the station it is the same: the measuring frame takes the shift
+        for station in scene.stations:
+            yield from (cls(station=station, sensor=sensor) for sensor in scene.sensors)
+            yield from (cls(station=station, run=name[4:-1]) for name in scene.runs)

@@ -6,15 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from errormodel.effects import make
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.search.criteria import canonical_correlation
-from tests.helpers.diagnosed import empty_survey, showing
+from identification.observation.pose import Pose
+from tests.helpers.diagnosed import FRAME, empty_survey, showing
 
 MEASURED = ["mx", "my", "mz"]
+STATION = Pose(Rotation.from_rotvec(FRAME[1]).as_matrix(), np.array(FRAME[0])).invert(np.zeros((1, 3)))[0].tolist()
 
 
 @pytest.mark.parametrize("name", ["vertical_three_axis", "five_axis_table_quill"])
@@ -90,7 +93,7 @@ def test_noise_that_hangs_together_is_no_effect(tau: float, size: float) -> None
 
 
 ONE_CAUSE = {
-    "scale of one run": (EffectSpec("scale-ppm", {"run": "2"}), [4e-5], "frame"),
+    "scale of one run": (EffectSpec("scale-ppm", {"run": "2", "station": STATION}), [4e-5], "frame"),
     "load that sinks alike everywhere": (
         EffectSpec("payload-sag", {"joint": "Z", "motion": "dz", "degree": 0}),
         [5e-5],
