@@ -39,8 +39,8 @@ from tests.proof.specs import Spec, all_specs
 PROOF = Path(__file__).parent
 OUTSIDE = ("run_case", "score", "__main__", "test_proof")  # all else is the simulator
 SPECS = {s.name: s for s in all_specs()}
-# the cheapest of each kind among the first hundred, whatever came of them; white, coloured, clustered, poor, ...; but for
-# those that the third notebook and the README run
+# the cheapest of each kind among the first hundred, whatever came of them; white, coloured, clustered, poor, ...; but
+# for those that the third notebook and the README run
 EMPTY = tuple(f"empty-{k:03}" for k in (4, 8, 9, 12, 15, 16))
 NAMED = (*(f"single-{k:03}" for k in (7, 9, 11, 15, 16, 18)), "pair-003", "mixture-006")
 OTHER = ("unnamed-003", "unnamed-006", "unseen-001", "unseen-002", "unseen-003", "weak-001", "blunder-000")
