@@ -11,6 +11,7 @@ import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_args
 
@@ -29,6 +30,7 @@ Keys: TypeAlias = tuple[str | int, ...]
 MAX_YAML_BYTES = 300_000  # longest file, bytes: at most 5 s to parse; the longest of a machine has some 20 kB
 MAX_YAML_VALUES = 100_000  # most values; every use of an alias counts, which stops files that expand exponentially
 MAX_YAML_DEPTH = 40  # deepest nesting; by judgement
+MOST_KEPT_CHARACTERS = 30_000  # of a text whose nodes are kept, some 10 MB; machines and surveys are shorter
 
 _YAML_TAG = "tag:yaml.org,2002:"  # prefix of YAML's own tags
 # tags of values that are constructed, with their names in messages
@@ -162,9 +164,8 @@ def parse(text: str, name: str) -> Document:
     """Like :func:`load`, for a text with the name `name` in messages."""
     yaml = YAML(typ="safe", pure=True)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", ReusedAnchorWarning)
-            root = yaml.compose(text)
+        # a directive of the file would be the state of its own reader
+        root = _composed(text, yaml) if len(text) > MOST_KEPT_CHARACTERS or "%" in text else _kept(text)
     except ReusedAnchorWarning as error:
         anchor, line = re.findall(r"anchor ('.*')", str(error)), re.findall(r"\(line: (\d+)\)", str(error))
         found = f"a second anchor {anchor[0]}: aliases before and behind it would be different values"
@@ -181,6 +182,19 @@ def parse(text: str, name: str) -> Document:
     lines: dict[Keys, int] = {(): 1}
     data = _Builder(name, yaml, lines).build(root, ())
     return Document(name, data, lines)
+
+
+def _composed(text: str, yaml: Any) -> Node | None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ReusedAnchorWarning)
+        root: Node | None = yaml.compose(text)
+        return root
+
+
+@lru_cache(maxsize=32)
+def _kept(text: str) -> Node | None:
+    """The nodes of a text, which are only read: a fleet reads the file of one machine for each of its surveys."""
+    return _composed(text, YAML(typ="safe", pure=True))
 
 
 class _Builder:

@@ -10,9 +10,13 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
+
+from tests.helpers.interpreter import Interpreter, interpreter
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -51,28 +55,33 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def run(elsewhere: Path, *words: object) -> str:
-    program = "from identification.command_line.main import entry; entry()"
-    paths = os.pathsep.join([str(elsewhere), str(ROOT)])
-    done = subprocess.run(
-        [sys.executable, "-c", program, *map(str, words)],
-        cwd=elsewhere, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": paths},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+Run = Callable[..., str]
 
 
-def reference(elsewhere: Path, page: str, *names: str) -> str:
-    """A page of reference as the documentation writes it, with that package installed."""
-    program = f"import sys; sys.path.insert(0, 'docs'); import generate; print(*generate.{page}(*{names}), sep='\\n')"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(elsewhere), str(ROOT)])}
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True, env=environment
-    )
-    return done.stdout
+@pytest.fixture(scope="module")
+def process(elsewhere: Path) -> Iterator[Interpreter]:
+    """A process with that package installed."""
+    with interpreter(paths=(elsewhere, ROOT / "docs")) as started:
+        yield started
 
 
-def test_a_package_of_the_users_brings_an_effect(elsewhere: Path) -> None:
+@pytest.fixture(scope="module")
+def run(elsewhere: Path, process: Interpreter) -> Run:
+    """Run ``errormodel <arguments>`` in that folder."""
+    return partial(process.command, folder=elsewhere)
+
+
+@pytest.fixture(scope="module")
+def reference(process: Interpreter) -> Run:
+    """A page of reference as the documentation writes it."""
+
+    def page(name: str, *of: str) -> str:
+        return process.python(f"import generate; print(*generate.{name}(*{of}), sep='\\n')", ROOT)
+
+    return page
+
+
+def test_a_package_of_the_users_brings_an_effect(elsewhere: Path, run: Run, reference: Run) -> None:
     """Simulated, found by the diagnosis under its name, fitted, predicted, in the report and in the documentation."""
     (elsewhere / "slip.yaml").write_text(
         (ROOT / "machines/vertical_three_axis.yaml").read_text()
@@ -81,31 +90,31 @@ def test_a_package_of_the_users_brings_an_effect(elsewhere: Path) -> None:
     travel = "vertical_three_axis"
     (elsewhere / "truth.yaml").write_text("parameters: {X.dx.coupling-slip: 0.02}\n")
     words = ["--parameters", "truth.yaml", "--noise", 0.001, "--out", "s.csv"]
-    run(elsewhere, "simulate", "slip.yaml", 200, *words)
-    said = run(elsewhere, "diagnose", travel, "s.csv", "--out", "found")
+    run("simulate", "slip.yaml", 200, *words)
+    said = run("diagnose", travel, "s.csv", "--out", "found")
     (finding,) = json.loads((elsewhere / "found/diagnosis.json").read_text())["findings"]
     assert (finding["effect"], finding["where"]) == ("coupling-slip", "X"), said
     assert "coupling" in (elsewhere / "found/report.html").read_text()
-    run(elsewhere, "fit", "slip.yaml", "s.csv", "--out", "fitted")
+    run("fit", "slip.yaml", "s.csv", "--out", "fitted")
     values = {p["id"]: p for p in json.loads((elsewhere / "fitted/fit.json").read_text())["parameters"]}
     slip = values["X.dx.coupling-slip"]
     assert abs(slip["value"] - 0.02) < 4 * slip["std"]
-    run(elsewhere, "predict", "found", "s.csv", "--out", "p.csv")
-    assert "### coupling-slip" in reference(elsewhere, "effects")
+    run("predict", "found", "s.csv", "--out", "p.csv")
+    assert "### coupling-slip" in reference("effects")
 
 
-def test_a_package_of_the_users_brings_an_instrument_and_a_format(elsewhere: Path) -> None:
-    run(elsewhere, "simulate", "vertical_three_axis", 60, "--noise", 0.001, "--out", "plain.csv")
+def test_a_package_of_the_users_brings_an_instrument_and_a_format(elsewhere: Path, run: Run, reference: Run) -> None:
+    run("simulate", "vertical_three_axis", 60, "--noise", 0.001, "--out", "plain.csv")
     (elsewhere / "data.bar").write_text((elsewhere / "plain.csv").read_text().replace(",", "|"))
     instrument = "{type: flat-probe, across: 0.001, along: 0.0005}"
     (elsewhere / "survey.yaml").write_text(f"errormodel: 1\nfiles: [{{path: data.bar}}]\ninstrument: {instrument}\n")
-    run(elsewhere, "fit", "vertical_three_axis", "survey.yaml", "--out", "probed")
+    run("fit", "vertical_three_axis", "survey.yaml", "--out", "probed")
     assert json.loads((elsewhere / "probed/fit.json").read_text())["sigma_from"] == "declared"
-    assert "## flat-probe" in reference(elsewhere, "instruments")
-    assert ".bar" in reference(elsewhere, "formats")
+    assert "## flat-probe" in reference("instruments")
+    assert ".bar" in reference("formats")
 
 
-def test_a_package_of_the_users_brings_a_raw_format(elsewhere: Path) -> None:
+def test_a_package_of_the_users_brings_a_raw_format(elsewhere: Path, process: Interpreter, reference: Run) -> None:
     """Recognised by its content, and in the documentation."""
     (elsewhere / "level.lvl").write_text("SHOP LEVEL 3\nA1 1,5 2,5\nA2 -0,5 3,25\n")
     program = (
@@ -113,27 +122,22 @@ def test_a_package_of_the_users_brings_a_raw_format(elsewhere: Path) -> None:
         "raw = open_raw(Path('level.lvl'), 'level.lvl'); kind = format_of(raw); "
         "print(kind.name, *kind.read(raw, Asked()).frame['w_tilt_x_arcsec'])"
     )
-    paths = os.pathsep.join([str(elsewhere), str(ROOT)])
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=elsewhere, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": paths},
-    )  # fmt: skip
-    assert done.stdout.split() == ["level-list", "1.5", "-0.5"], done.stderr
-    assert "## level-list" in reference(elsewhere, "formats")
+    assert process.python(program, elsewhere).split() == ["level-list", "1.5", "-0.5"]
+    assert "## level-list" in reference("formats")
 
 
-def test_a_package_of_the_users_brings_a_format_of_robots(elsewhere: Path) -> None:
+def test_a_package_of_the_users_brings_a_format_of_robots(elsewhere: Path, run: Run, reference: Run) -> None:
     """Recognised by its content, written from a machine and read back, and in the documentation."""
     (elsewhere / "arm.lst").write_text("SHOP ARM\nA 0 0 1 0 0 400\nB 0 1 0 300 0 50\n")
-    said = run(elsewhere, "machine", "arm.lst", "--out", "arm.yaml")
+    said = run("machine", "arm.lst", "--out", "arm.yaml")
     assert "A (rotary), B (rotary)" in said
-    run(elsewhere, "export", "arm.yaml", "--format", "arm-list", "--out", "again.lst")
+    run("export", "arm.yaml", "--format", "arm-list", "--out", "again.lst")
     assert (elsewhere / "again.lst").read_text() == (elsewhere / "arm.lst").read_text()
-    assert "arm-list" in run(elsewhere, "export", "list")
-    assert "## arm-list" in reference(elsewhere, "machine_formats")
+    assert "arm-list" in run("export", "list")
+    assert "## arm-list" in reference("machine_formats")
 
 
-def test_a_package_of_the_users_brings_an_observation(elsewhere: Path) -> None:
+def test_a_package_of_the_users_brings_an_observation(elsewhere: Path, run: Run, reference: Run) -> None:
     """Simulated, fitted with its zero, predicted, in the report and in the documentation."""
     rows = [f"{x},{y},{z},G\n" for x in (-300, 0, 300) for y in (-150, 0, 150) for z in (150, 300, 450, 600)]
     (elsewhere / "heights.csv").write_text("X,Y,Z,observation\n" + "".join(rows))
@@ -141,64 +145,64 @@ def test_a_package_of_the_users_brings_an_observation(elsewhere: Path) -> None:
     (elsewhere / "heights.yaml").write_text(text.replace("FILE", "heights.csv"))
     (elsewhere / "heights_truth.yaml").write_text("parameters: {X.dz.2: 0.02}\nobservations: {G: {zero: 12.5}}\n")
     words = ["--parameters", "heights_truth.yaml", "--noise", 0.001, "--out", "read.csv"]
-    run(elsewhere, "simulate", "vertical_three_axis", "heights.yaml", *words)
+    run("simulate", "vertical_three_axis", "heights.yaml", *words)
     (elsewhere / "read.yaml").write_text(text.replace("FILE", "read.csv"))
-    run(elsewhere, "fit", "vertical_three_axis", "read.yaml", "--out", "heights")
+    run("fit", "vertical_three_axis", "read.yaml", "--out", "heights")
     fit = json.loads((elsewhere / "heights/fit.json").read_text())
     (zero,) = fit["observations"]
     assert abs(zero["value"] - 12.5) < 0.02  # the bow of X is a height too, where X stands still
     bow = next(p for p in fit["parameters"] if p["id"] == "X.dz.2")
     assert abs(bow["value"] - 0.02) < 4 * bow["std"]
     assert "height-gauge" in (elsewhere / "heights/report.html").read_text()
-    run(elsewhere, "predict", "heights", "read.yaml", "--out", "heights_predicted.csv")
+    run("predict", "heights", "read.yaml", "--out", "heights_predicted.csv")
     assert "length" in (elsewhere / "heights_predicted.csv").read_text().splitlines()[0]
-    assert "## height-gauge" in reference(elsewhere, "observations")
+    assert "## height-gauge" in reference("observations")
 
 
-def test_a_package_of_the_users_brings_a_joint_error_model(elsewhere: Path) -> None:
+def test_a_package_of_the_users_brings_a_joint_error_model(elsewhere: Path, run: Run, reference: Run) -> None:
     """Described, drawn, simulated, fitted to the truth, reported, predicted, stored and in the documentation."""
     text = (ROOT / "machines/vertical_three_axis.yaml").read_text()
     block = "errors:\n  shapes: none\n  joints: {X: {exx: {thread: 2}}, Y: {thread: 1}, Z: first-order}\n"
     text, count = re.subn(r"^errors:\n(?:^[ #].*\n)*", block, text, flags=re.MULTILINE)
     assert count == 1
     (elsewhere / "threads.yaml").write_text(text)
-    assert "X.dx.sin2" in run(elsewhere, "describe", "threads.yaml")
+    assert "X.dx.sin2" in run("describe", "threads.yaml")
     truth = {"X.dx.sin2": 0.012, "Y.dz.cos1": -0.008}
     (elsewhere / "threads_truth.yaml").write_text(f"parameters: {json.dumps(truth)}\n")
     words = ["--parameters", "threads_truth.yaml", "--noise", 0.001, "--out", "threads.csv"]
-    run(elsewhere, "simulate", "threads.yaml", 200, *words)
-    run(elsewhere, "fit", "threads.yaml", "threads.csv", "--out", "threads")
+    run("simulate", "threads.yaml", 200, *words)
+    run("fit", "threads.yaml", "threads.csv", "--out", "threads")
     found = {p["id"]: p for p in json.loads((elsewhere / "threads/fit.json").read_text())["parameters"]}
     for name, value in truth.items():
         assert abs(found[name]["value"] - value) < 4 * found[name]["std"], name
     assert "thread: 2" in (elsewhere / "threads/machine.yaml").read_text()
     assert "thread" in (elsewhere / "threads/report.html").read_text()
-    run(elsewhere, "predict", "threads", "threads.csv", "--out", "threads_predicted.csv")
-    run(elsewhere, "diagnose", "threads.yaml", "threads.csv", "--out", "threads_diagnosed")
+    run("predict", "threads", "threads.csv", "--out", "threads_predicted.csv")
+    run("diagnose", "threads.yaml", "threads.csv", "--out", "threads_diagnosed")
     assert json.loads((elsewhere / "threads_diagnosed/diagnosis.json").read_text())["findings"] == []
-    page = reference(elsewhere, "joint_models")
+    page = reference("joint_models")
     assert "## thread" in page
     assert "ISO 3408-3" in page
 
 
-def test_a_model_from_elsewhere_is_named_where_a_key_is_wrong(elsewhere: Path) -> None:
+def test_a_model_from_elsewhere_is_named_where_a_key_is_wrong(elsewhere: Path, run: Run) -> None:
     text = (ROOT / "machines/vertical_three_axis.yaml").read_text()
     text = re.sub(r"^errors:\n(?:^[ #].*\n)*", "errors: {joints: {X: {tread: 2}}}\n", text, flags=re.MULTILINE)
     (elsewhere / "wrong.yaml").write_text(text)
     with pytest.raises(AssertionError, match="Did you mean 'thread'"):
-        run(elsewhere, "describe", "wrong.yaml")
+        run("describe", "wrong.yaml")
 
 
-def test_a_package_of_the_users_brings_a_controller(elsewhere: Path) -> None:
-    run(elsewhere, "simulate", "vertical_three_axis", 150, "--noise", 0.001, "--seed", 3, "--out", "drives.csv")
-    run(elsewhere, "fit", "vertical_three_axis", "drives.csv", "--out", "drives")
-    assert "shop-table" in run(elsewhere, "compensate", "--controller", "list")
-    said = run(elsewhere, "compensate", "drives", "--controller", "shop-table", "--out", "tables")
+def test_a_package_of_the_users_brings_a_controller(elsewhere: Path, run: Run, reference: Run) -> None:
+    run("simulate", "vertical_three_axis", 150, "--noise", 0.001, "--seed", 3, "--out", "drives.csv")
+    run("fit", "vertical_three_axis", "drives.csv", "--out", "drives")
+    assert "shop-table" in run("compensate", "--controller", "list")
+    said = run("compensate", "drives", "--controller", "shop-table", "--out", "tables")
     assert "table of the shop's own drives" in said
     assert (elsewhere / "tables/shop.tab").read_text().startswith("; machine:")
     assert "load shop.tab" in (elsewhere / "tables/checklist.txt").read_text()
-    assert "(controllers/shop-table.md)" in reference(elsewhere, "controllers")
-    assert "# shop-table" in reference(elsewhere, "controller", "shop-table").splitlines()
+    assert "(controllers/shop-table.md)" in reference("controllers")
+    assert "# shop-table" in reference("controller", "shop-table").splitlines()
 
 
 def test_the_contract_tests_run_over_what_a_package_brings(elsewhere: Path, pytestconfig: pytest.Config) -> None:

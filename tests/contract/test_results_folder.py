@@ -38,6 +38,14 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def robust(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A fit of the other survey with other options."""
+    folder = tmp_path_factory.mktemp("robust") / "fit"
+    done("fit", MILL, made / "other.csv", "--robust", "--out", folder)
+    return folder
+
+
 @pytest.fixture
 def place(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(made, tmp_path / "w")
@@ -81,9 +89,8 @@ def test_the_same_command_gives_the_same_bytes(place: Path, monkeypatch: pytest.
 
 @pytest.mark.parametrize("name", ["machine.yaml", "covariance.csv", "fit.json", "residuals.csv", "report.html"])
 @pytest.mark.parametrize("command", ["predict", "compensate", "monitor"])
-def test_a_folder_of_two_fits_is_refused(place: Path, name: str, command: str) -> None:
-    done("fit", MILL, "other.csv", "--robust", "--out", "other")
-    write(Path("fit") / name, Path("other", name).read_bytes() + b"\n" * (name == "machine.yaml"))
+def test_a_folder_of_two_fits_is_refused(place: Path, robust: Path, name: str, command: str) -> None:
+    write(Path("fit") / name, (robust / name).read_bytes() + b"\n" * (name == "machine.yaml"))
     before = tree(place)
     commands = {
         "predict": ("predict", "fit", "s.csv", "--out", "p.csv"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import inspect
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pytest
 from errormodel.exceptions import InputError
 from identification import standards
 from identification.iso_standards import registry, standard
+from tests.helpers.sources import source
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = "identification.iso_standards"
@@ -38,7 +38,6 @@ def test_no_module_imports_one_standard() -> None:
     files = {Path(inspect.getfile(kind)).stem for kind in registry().values()}
     seen = []
     for path in [*(ROOT / "errormodel").rglob("*.py"), *(ROOT / "identification").rglob("*.py")]:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(f"{PACKAGE}."):
-                seen += [f"{path.name}: {node.module}" for f in files if node.module == f"{PACKAGE}.{f}"]
+        for module in source(path).imported:
+            seen += [f"{path.name}: {module}" for f in files if module == f"{PACKAGE}.{f}"]
     assert seen == []

@@ -39,10 +39,11 @@ from tests.proof.specs import Spec, all_specs
 PROOF = Path(__file__).parent
 OUTSIDE = ("run_case", "score", "__main__", "test_proof")  # all else is the simulator
 SPECS = {s.name: s for s in all_specs()}
-# the cheapest of each kind among the first hundred, whatever came of them; white, coloured, clustered, poor, ...
-EMPTY = tuple(f"empty-{k:03}" for k in (4, 6, 8, 9, 12, 15, 16, 17))
-NAMED = (*(f"single-{k:03}" for k in (7, 9, 11, 15, 16, 18, 21)), "pair-003", "pair-005", "mixture-006")
-OTHER = ("unnamed-003", "unnamed-006", "unseen-001", "unseen-002", "unseen-003", "weak-001", "weak-003", "blunder-000")
+# the cheapest of each kind among the first hundred, whatever came of them; white, coloured, clustered, poor, ...; but
+# for those that the third notebook and the README run
+EMPTY = tuple(f"empty-{k:03}" for k in (4, 8, 9, 12, 15, 16))
+NAMED = (*(f"single-{k:03}" for k in (7, 9, 11, 15, 16, 18)), "pair-003", "mixture-006")
+OTHER = ("unnamed-003", "unnamed-006", "unseen-001", "unseen-002", "unseen-003", "weak-001", "blunder-000")
 
 
 def modules_behind(start: Path) -> dict[str, set[str]]:
@@ -226,8 +227,8 @@ def test_a_selection_of_the_cases(tmp_path: Path) -> None:
     assert not [n for n, s in found.items() if s.worse]
     assert not {n: found[n].findings for n in EMPTY if found[n].findings}
     effects = [(found[n], e) for n in NAMED for e in found[n].effects]
-    assert sum(s.named(e) for s, e in effects) >= len(effects) - 2
-    assert sum(s.placed(e) for s, e in effects) >= len(effects) - 2
+    assert sum(s.named(e) for s, e in effects) >= len(effects) - 1
+    assert sum(s.placed(e) for s, e in effects) >= len(effects) - 1
     assert np.median([x for n in NAMED if (x := found[n].excess) is not None]) < 0.1
     assert sum(bool(s.false_names) for s in found.values()) <= 1
     unseen = [s for s in found.values() if s.kind == "unseen"]

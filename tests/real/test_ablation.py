@@ -29,11 +29,11 @@ def test_a_joints_curve_comes_back(ur10: Path) -> None:
 def test_a_constant_of_a_member_comes_back(ur10: Path) -> None:
     """The twist of the forearm, -1.4 mrad in the full model, as the constant rotation at the joint that it carries."""
     full, machine = arm(ur10), arm(ur10, without="T3.ea")
-    result = diagnose(machine, recorded(ur10, machine, 10))
+    result = diagnose(machine, recorded(ur10, machine, 20))
     (found,) = (f for f in result.diagnosis.findings if f.where == "J4")
     others = [f.driver for f in result.diagnosis.findings if f is not found]
     # beside it, only what the full model does not explain either
-    assert sorted(others) == sorted(f.driver for f in diagnose(full, recorded(ur10, full, 10)).diagnosis.findings)
+    assert sorted(others) == sorted(f.driver for f in diagnose(full, recorded(ur10, full, 20)).diagnosis.findings)
     assert (found.effect, found.where, found.motion, found.driver) == ("higher-order-geometry", "J4", ["ea"], [])
     (amount,) = found.parameters
     assert abs(amount.value + 1.42e-3) < 3 * amount.std < 6e-4

@@ -26,15 +26,22 @@ def test_rows_without_any_reading_are_refused() -> None:
         diagnose(machine, replace(survey, table=table.assign(dx=0.0)))  # what never changes
 
 
-@pytest.mark.parametrize("name", ["vertical_three_axis", "bridge_cmm", "horizontal_three_axis", "h_gantry_dual_drive"])
-@pytest.mark.parametrize(("channels", "grid"), [(True, False), (False, False), (True, True)])
-def test_nothing_is_found_where_nothing_is(name: str, channels: bool, grid: bool) -> None:
+MACHINES = ("vertical_three_axis", "bridge_cmm", "horizontal_three_axis", "h_gantry_dual_drive")
+SURVEYS = ((True, False), (False, False), (True, True))  # with channels, on a grid
+
+
+@pytest.mark.parametrize(
+    ("name", "channels", "grid", "few"),
+    [(name, *kind, (i + j) % 2 == 0) for i, name in enumerate(MACHINES) for j, kind in enumerate(SURVEYS)],
+)
+def test_nothing_is_found_where_nothing_is(name: str, channels: bool, grid: bool, few: bool) -> None:
+    """Few rows and many in turn: each machine and each kind of survey has both."""
     machine = read_machine(name)
-    for seed, rows in ((1, 150), (2, 400)):
-        diagnosis = diagnose(machine, empty_survey(machine, rows, seed, channels=channels, grid=grid)).diagnosis
-        assert diagnosis.verdict == "adequate", [f.statement for f in diagnosis.findings]
-        assert not diagnosis.findings
-        assert diagnosis.noise_um == pytest.approx(5.0, rel=0.12)
+    seed, rows = (1, 150) if few else (2, 400)
+    diagnosis = diagnose(machine, empty_survey(machine, rows, seed, channels=channels, grid=grid)).diagnosis
+    assert diagnosis.verdict == "adequate", [f.statement for f in diagnosis.findings]
+    assert not diagnosis.findings
+    assert diagnosis.noise_um == pytest.approx(5.0, rel=0.12)
 
 
 @pytest.mark.parametrize("repeats", [1, 5])

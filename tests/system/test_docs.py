@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from errormodel.effects import registry as effects
 from errormodel.instruments import instruments
 from errormodel.machine_formats.base import registry as machine_formats
 from errormodel.observations import registry as observations
+from tests.helpers.interpreter import Interpreter, interpreter
 from tests.helpers.licences import requirements, tree
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,11 +35,16 @@ def snippets() -> list[tuple[str, str]]:
     return found
 
 
+@pytest.fixture(scope="module")
+def reader() -> Iterator[Interpreter]:
+    """A process that runs what is on the pages."""
+    with interpreter() as started:
+        yield started
+
+
 @pytest.mark.parametrize("snippet", [pytest.param(text, id=name) for name, text in snippets()])
-def test_python_of_the_pages_runs(snippet: str, tmp_path: Path) -> None:
-    code = f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{snippet}"
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+def test_python_of_the_pages_runs(snippet: str, reader: Interpreter, tmp_path: Path) -> None:
+    reader.python(snippet, tmp_path)
 
 
 def test_the_readme_is_short() -> None:

@@ -136,10 +136,10 @@ def test_a_redundant_chain_of_twelve_joints(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="a limit of memory that is kept")
-def test_forty_joints_in_two_gigabytes(tmp_path: Path) -> None:
+def test_thirty_joints_in_two_gigabytes(tmp_path: Path) -> None:
     """What grows as 2 to the number of joints (corners of the travels, nodes of a lattice) is bounded or refused."""
-    shapes = chain_of(40).replace(
-        "joints: first-order", "joints: {" + ", ".join(f"J{k}: none" for k in range(40)) + "}"
+    shapes = chain_of(30).replace(
+        "joints: first-order", "joints: {" + ", ".join(f"J{k}: none" for k in range(30)) + "}"
     )
     recorded(tmp_path, shapes, 150, 0.002)
     start = f"ulimit -v 2000000; exec {sys.executable} -m identification.command_line.start"
@@ -153,7 +153,7 @@ def test_forty_joints_in_two_gigabytes(tmp_path: Path) -> None:
     assert first.returncode == 0, first.stderr
     assert figures(tmp_path)["sigma_um"] == pytest.approx(2.0, rel=0.2)  # of some 300 degrees of freedom: 4 of 4 %
     assert second.returncode == 2
-    assert "a grid over 40 axes that follows the errors needs more than" in second.stderr
+    assert "a grid over 30 axes that follows the errors needs more than" in second.stderr
 
 
 def test_one_row(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Are uncertainties what they say? Sixty surveys of one machine, each with other noise, for every way to state it."""
+"""Are uncertainties what they say? Forty surveys of one machine, each with other noise, for every way to state it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tests.helpers.chains import Array, errors
 from tests.helpers.commands import MILL, done
 from tests.helpers.surveys import FAR, TURNED, measured, positions, stored, survey
 
-SEEDS = 60
+SEEDS = 40
 MACHINE = read_machine("horizontal_three_axis")
 CHAIN = Chain(MACHINE)  # traced once for all surveys
 P = errors(CHAIN, 1)
@@ -69,7 +69,7 @@ def group_truth(fit: Fit) -> Array:
 
 @dataclass(frozen=True)
 class Campaign:
-    """What sixty surveys gave; z are errors over their standard uncertainties."""
+    """What forty surveys gave; z are errors over their standard uncertainties."""
 
     groups: Array  # (seeds, groups) z
     together: Array  # (seeds,) chi2 of all groups with their covariance

@@ -16,7 +16,7 @@ from tests.helpers.gcode_machine import execute
 from tests.helpers.gcode_programmes import OFFSETS
 from tests.helpers.gcode_trial import READING, SETUP, TARGET, smooth, trial, written
 
-PROGRAMMES, BATCH = 1000, 50
+PROGRAMMES, BATCH = 400, 50
 
 
 @pytest.mark.parametrize("first", range(0, PROGRAMMES, BATCH))

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.helpers.interpreter import Interpreter, interpreter
+
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[2] / "notebooks").glob("*.py"))
+PROGRAM = "import runpy, sys; sys.argv = [{0!r}]; runpy.run_path({0!r}, run_name='__main__')"
+AFTERWARDS = "from matplotlib import pyplot; pyplot.close('all')"
+
+
+@pytest.fixture(scope="module")
+def reader() -> Iterator[Interpreter]:
+    """A process in which warnings are errors."""
+    with interpreter("-W", "error") as started:
+        yield started
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda notebook: notebook.stem)
-def test_notebook_runs(notebook, tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-W", "error", str(notebook)], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
+def test_notebook_runs(notebook: Path, reader: Interpreter, tmp_path: Path) -> None:
+    reader.python(PROGRAM.format(str(notebook)), tmp_path)
+    reader.python(AFTERWARDS, tmp_path)
