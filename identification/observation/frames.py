@@ -133,15 +133,15 @@ def _of_rank(a: Array, b: Array, w: Array, axes: Array, rank: int) -> Pose:
 
 
 def _kabsch(a: Array, b: Array, w: Array) -> Pose:
+    from scipy.spatial.transform import Rotation
+
     w = w**2 / (w**2).sum()
     middle_a, middle_b = w @ a, w @ b
     cross = (b - middle_b).T @ ((a - middle_a) * w[:, None])
     # directions that stay where they are, of very little weight: what the points leave open is no rotation
-    still = 1e-10 * (float(np.linalg.norm(cross)) + 1e-12)
-    u, _, v = np.linalg.svd(cross + still * np.eye(3))
-    if np.linalg.det(u) * np.linalg.det(v) < 0:  # a reflection: turned about the direction that is known least
-        u[:, 2] *= -1
-    rotation = u @ v
+    still = np.full(3, 1e-10 * (float(np.linalg.norm(cross)) + 1e-12))
+    measured, nominal = (np.vstack([part, np.eye(3)]) for part in (b - middle_b, a - middle_a))
+    rotation = Rotation.align_vectors(measured, nominal, np.append(w, still))[0].as_matrix()
     return Pose(rotation, middle_b - rotation @ middle_a)
 
 
