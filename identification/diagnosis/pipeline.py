@@ -166,12 +166,11 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         causes.append(checked_alternative(cause, model, g, functions, log))
     nameless = [g[0].effect for g, cause in zip(model.findings, causes, strict=True) if cause.nameless]
     final = known_where_recorded(final, model, first, nameless)
-    if dependence is not None:
-        final = replace(final, systematic_mm=1e-3 * dependence.coordinate_um)
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))
     verdict = with_doubt(judge(final, bool(findings), dependence, log), findings)
+    final = replace(final, systematic_mm=1e-3 * verdict.systematic_um)
     unusable = (f"{name} drives nothing: {reason}" for name, reason in dead.items())
     baseline = next((b for b in fits if b is not None), mended)
     diagnosis = Diagnosis(

@@ -120,7 +120,7 @@ class Fit:
     at_bound: tuple[AtBound, ...] = ()
     counted: tuple[View, ...] = ()
     serial: Noise | None = None  # serial correlation of the residuals
-    systematic_mm: float = 0.0  # of a coordinate: what is left and depends on what was recorded, where that was tested
+    systematic_mm: float = 0.0  # of a coordinate: what is left and is no noise, by a diagnosis
     streamed: Streamed | None = None  # the survey and its residuals are then those of a sample of the rows
 
     @property

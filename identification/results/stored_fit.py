@@ -44,7 +44,7 @@ class StoredFit:
     set_ups: dict[str, float] = field(default_factory=dict)  # unknown numbers of observations, mm and rad
     free_reference: bool = False  # only readings were fitted, which do not show where the machine stands
     coverage: float = 1.0  # factor on standard uncertainties of predictions, for noise from few degrees of freedom
-    systematic: float = 0.0  # mm of a coordinate, left in the residuals though it depends on what was recorded
+    systematic: float = 0.0  # mm of a coordinate, in the residuals, but no noise
     unlisted: tuple[str, ...] = ()  # what is said of a folder whose files cannot be checked
 
     @property

@@ -51,7 +51,7 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     error. The uncertainty contains the covariance of the estimated parameters and, for unidentified parameters that act
     here (with another tool, for instance), the size of the identified ones of the same unit; where the noise was
     estimated with few degrees of freedom it is widened, so that twice it covers 95.45 % (Student's t). Of a position
-    and an error it contains what a diagnosis found left that depends on something recorded, too.
+    and an error it contains what a diagnosis found left that is no noise, too.
 
     Parameters
     ----------

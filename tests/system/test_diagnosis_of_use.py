@@ -18,6 +18,7 @@ from identification.estimation.fit import fit_machine
 from identification.results import store
 from identification.results.predictions import predicted
 from identification.runtime.progress import silent
+from tests.helpers.commands import XYZ
 from tests.helpers.diagnosed import empty_survey, showing
 
 
@@ -108,3 +109,22 @@ def test_what_is_left_and_follows_something_recorded_is_in_the_uncertainty_of_pr
     assert np.sqrt(whole**2 - known**2) == pytest.approx(1e-3 * left.size_um / np.sqrt(3))
     lines = {i["name"]: i["std"] for i in fit.data["budget"]["prediction"]["inputs"]}
     assert max(v for name, v in lines.items() if name.startswith("form of the model")) >= 1e-3 * left.coordinate_um
+
+
+def test_what_exceeds_the_declared_uncertainty_is_in_that_of_predictions(machine: Machine) -> None:
+    """Two micrometres that nothing recorded predicts, beside two of declared noise."""
+    survey = empty_survey(machine, 240, 5, channels=False, grid=False)
+    table = showing(survey, machine, [], 0.002).table
+    jumps = np.random.default_rng(4).normal(0, 0.002, (240, 3))
+    noisy = replace(
+        survey,
+        table=table.assign(
+            sigma_x=0.002,
+            sigma_y=0.002,
+            sigma_z=0.002,
+            **dict(zip(XYZ, (table[XYZ] + jumps).to_numpy().T, strict=True)),
+        ),
+    )
+    diagnosis = diagnose(machine, noisy)
+    assert diagnosis.diagnosis.verdict == "unexplained"
+    assert diagnosis.final.systematic_mm == pytest.approx(0.002, rel=0.1)

@@ -28,11 +28,16 @@ CLEAR = 4.0  # standard deviations by which a bin must stand out to be named
 
 @dataclass(frozen=True)
 class Verdict:
-    """The contract's word, what is left over (None: nothing), and what to say of the noise."""
+    """The contract's word, what is left over (None: nothing), what to say of the noise, and how much is no noise, um.
+
+    The last is the standard deviation of a coordinate: what exceeds repeats or the declared uncertainty, or what
+    depends on anything recorded, whichever is larger.
+    """
 
     word: str
     unexplained: str | None
     notes: tuple[str, ...] = ()
+    systematic_um: float = 0.0
 
 
 def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: DecisionLog = UNRECORDED) -> Verdict:
@@ -46,7 +51,7 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
     s = final.solution
     repeats = repeats_of(final)
     notes = [repeats.text] if repeats else []
-    reason = ""
+    reason, ratio = "", 1.0  # of the variance that is left to what the noise lets expect
     declared = _exceeds_declared(final)
     if repeats is not None:
         word: Outcome = "found" if repeats.misfit else "passed"
@@ -63,14 +68,16 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
         log.add("lack-of-fit-by-declared-uncertainty", word, "residuals", s.chi2 / s.dof, MISFIT_RATIO)
     if repeats is not None:
         if repeats.misfit:
-            reason = f"repeated poses let expect {_length(final) / np.sqrt(repeats.ratio):.1f}"
+            ratio = repeats.ratio
+            reason = f"repeated poses let expect {_length(final) / np.sqrt(ratio):.1f}"
         elif declared:
             notes.append(
                 f"the declared uncertainty is too small by a factor of {np.sqrt(s.chi2 / s.dof):.2f}: repeated poses "
                 "scatter as much as the residuals"
             )
     elif declared:
-        reason = f"the declared uncertainty lets expect {_length(final) / np.sqrt(s.chi2 / s.dof):.1f}"
+        ratio = s.chi2 / s.dof
+        reason = f"the declared uncertainty lets expect {_length(final) / np.sqrt(ratio):.1f}"
     if not found and _at_one_pose(final):
         notes.append(AT_ONE_POSE)
     wanders = wandering_text(final, log)
@@ -81,7 +88,11 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
         return Verdict("explained" if found else "adequate", None, tuple(notes))
     text = f"{_length(final):.1f} um rms where {reason}; {largest(final)}" if reason else ""
     text = "; ".join(filter(None, (text, dependence.text if dependence else "", wanders, few)))
-    return Verdict("partly-explained" if found else "unexplained", text, tuple(notes))
+    systematic = max(
+        _length(final) * float(np.sqrt((1 - 1 / ratio) / 3)) if final.fitted.n else 0.0,
+        dependence.coordinate_um if dependence else 0.0,
+    )
+    return Verdict("partly-explained" if found else "unexplained", text, tuple(notes), systematic)
 
 
 def with_doubt(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
