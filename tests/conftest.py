@@ -10,8 +10,6 @@ import pytest
 from hypothesis import Phase, settings
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from identification.report.pictures import Picture
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -70,45 +68,26 @@ def drawn() -> dict[tuple[object, ...], str]:
     return {}
 
 
-@pytest.fixture(scope="session")
-def rendered() -> dict[tuple[object, ...], bytes]:
-    """Bytes of figures that tests have drawn, by caption, description and format."""
-    return {}
-
-
 @pytest.fixture(autouse=True)
 def figures_drawn_once(
-    request: pytest.FixtureRequest,
-    monkeypatch: pytest.MonkeyPatch,
-    drawn: dict[tuple[object, ...], str],
-    rendered: dict[tuple[object, ...], bytes],
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, drawn: dict[tuple[object, ...], str]
 ) -> None:
     """In the pages of a module's tests, a figure of the same caption and description is drawn once.
 
-    Of several modules, each draws it, and Matplotlib makes a file of the first. Figures are half the work of a fit's
-    command, and hundreds of tests look at its numbers only. Tests that look at figures or compare pages have the mark
-    `every_figure`.
+    Figures are half the work of a fit's command, and hundreds of tests look at its numbers only. Tests that look at
+    figures or compare pages have the mark `every_figure`.
     """
     if request.node.get_closest_marker("every_figure"):
         return
-    from identification.plots import style
     from identification.report.page import Album
 
-    place, render = Album.place, style.render
+    place = Album.place
 
     def placed(self: Album, picture: Picture) -> str:
-        def render_once(figure: Figure, kind: str, dpi: int = 150) -> bytes:
-            key = (picture.caption, picture.alt, kind)
-            if key not in rendered:
-                rendered[key] = render(figure, kind, dpi)
-            return rendered[key]
-
         def source() -> str:
             key = (request.node.path, picture.caption, picture.alt)
             if key not in drawn:
-                with monkeypatch.context() as patched:
-                    patched.setattr(style, "render", render_once)
-                    drawn[key] = picture.source()
+                drawn[key] = picture.source()
             return drawn[key]
 
         return place(self, picture._replace(source=source))
