@@ -34,5 +34,7 @@ def sum_of(vector: cvxpy.Expression) -> cvxpy.Expression:
 
     `cvxpy.sum` finds its shape by adding up memory that nobody has written to, which may warn of invalid values.
     """
-    added: cvxpy.Expression = vector.__rmatmul__(np.ones(vector.size))
+    import cvxpy as cp
+
+    added: cvxpy.Expression = cp.Constant(np.ones(vector.size)) @ vector
     return added

@@ -52,7 +52,6 @@ class Dependence:
         out.
     size_um : root mean square of what it predicts of them, um; of what wanders in time, of what it explains.
     element, motion : what moves as it, where that shows most; else "".
-    components : observations of a row, of which `size_um` is that of all: three coordinates, or one reading.
     """
 
     channels: tuple[str, ...]
@@ -61,12 +60,6 @@ class Dependence:
     size_um: float
     element: str = ""
     motion: str = ""
-    components: int = 3
-
-    @property
-    def coordinate_um(self) -> float:
-        """The size of one coordinate, or reading, um."""
-        return self.size_um / float(np.sqrt(self.components))
 
     @property
     def text(self) -> str:
@@ -81,9 +74,7 @@ class Dependence:
 
     def as_json(self) -> dict[str, object]:
         """The key ``dependence`` of ``diagnosis.json``."""
-        own = asdict(self) | {"channels": [*self.channels]}
-        del own["components"]
-        return own
+        return asdict(self) | {"channels": [*self.channels]}
 
 
 PATH = {
@@ -151,7 +142,7 @@ def dependence_of(
     if not share:
         return None
     size = sigma_um * float(np.sqrt(components * share))
-    return Dependence(part.channels, p_value, axis, size, part.element, part.motion, components)
+    return Dependence(part.channels, p_value, axis, size, part.element, part.motion)
 
 
 def _wandering(linear: LinearModel, parts: Sequence[Functions], log: DecisionLog) -> tuple[float, Functions] | None:

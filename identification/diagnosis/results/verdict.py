@@ -88,10 +88,9 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
         return Verdict("explained" if found else "adequate", None, tuple(notes))
     text = f"{_length(final):.1f} um rms where {reason}; {largest(final)}" if reason else ""
     text = "; ".join(filter(None, (text, dependence.text if dependence else "", wanders, few)))
-    systematic = max(
-        _length(final) * float(np.sqrt((1 - 1 / ratio) / 3)) if final.fitted.n else 0.0,
-        dependence.coordinate_um if dependence else 0.0,
-    )
+    points = final.fitted.n > 0
+    excess = _length(final) * float(np.sqrt(1 - 1 / ratio)) if points else 0.0
+    systematic = max(excess, dependence.size_um if dependence else 0.0) / float(np.sqrt(3 if points else 1))
     return Verdict("partly-explained" if found else "unexplained", text, tuple(notes), systematic)
 
 
