@@ -36,6 +36,7 @@ class ThermalBending(JointEffect):
     sensor: str
     minus: str | None = None
     tau: Lag = 0.0
+    held: str = "ends"
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -45,7 +46,12 @@ class ThermalBending(JointEffect):
         joint = joint_as(machine, self.joint, "prismatic", self.effect)
         (low, high), q = joint.travel, channel(self.joint)
         warm = warmth(channel, self.sensor, self.minus, self.tau)
-        bow = bending(joint, self.motion, warm * (q - low) * (high - q) / 2, warm * ((low + high) / 2 - q))
+        if self.held == "lower":
+            bow = bending(joint, self.motion, -warm * (q - low) * (q - low) / 2, -warm * (q - low))
+        elif self.held == "upper":
+            bow = bending(joint, self.motion, -warm * (high - q) * (high - q) / 2, warm * (high - q))
+        else:
+            bow = bending(joint, self.motion, warm * (q - low) * (high - q) / 2, warm * ((low + high) / 2 - q))
         slope = {name: value for name, value in bow.items() if name != self.motion}
         return [
             EffectTerm(self.joint, "bow", "1/(mm K)", bow, STEEL_EXPANSION / 300),
@@ -58,4 +64,5 @@ class ThermalBending(JointEffect):
             for motion in across(joint, "d"):
                 for sensor, minus in combinations(scene.sensors, 2):
                     for tau in lags(scene):
-                        yield cls(joint=joint.name, motion=motion, sensor=sensor, minus=minus, tau=tau)
+                        for held in ("ends", "lower", "upper"):
+                            yield cls(joint=joint.name, motion=motion, sensor=sensor, minus=minus, tau=tau, held=held)

@@ -48,28 +48,44 @@ class Explanation:
     first: int
 
 
-def explained(fit: Fit, survey: Survey, changes: Sequence[Effect], progress: Progress, log: DecisionLog) -> Explanation:
-    """What explains a fit's residuals, and the survey fitted with it; `changes` are effects that mend blunders."""
-    linear, candidates = _tried(fit, progress, log)
+def explained(
+    fit: Fit,
+    survey: Survey,
+    changes: Sequence[Effect],
+    progress: Progress,
+    log: DecisionLog,
+    impossible: frozenset[tuple[str, str]] = frozenset(),
+) -> Explanation:
+    """What explains a fit's residuals, and the survey fitted with it.
+
+    Parameters
+    ----------
+    changes : effects that mend blunders.
+    impossible : effects, at places, that were larger than physics has them.
+    """
+    linear, candidates = _tried(fit, progress, log, impossible)
     if (seen := tracker_noise(fit, linear, candidates, survey, log)) is not None:
         survey, fit = seen, fit_machine(fit.chain.machine, seen)
         del linear, candidates  # of an arm hundreds of megabytes, and as much again is made
-        linear, candidates = _tried(fit, progress, log)
+        linear, candidates = _tried(fit, progress, log, impossible)
     if (known := likelier_sides(survey, linear, log=log)) is not None:
-        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log)
+        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible)
     scores = candidates.scores(linear).alone()
     selected = forward_select(linear, candidates, progress, log=log)
     chosen = compare_alternatives(selected, candidates, progress, log)
     if (known := likelier_sides(survey, linear, [s.effect for s in chosen.steps], log)) is not None:
         log.again()
-        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log)
+        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible)
     del candidates, selected  # hundreds of megabytes that the fit of all rows needs
     model, witnessed = apply_witnesses(in_correlated_noise(chosen, log), log)
     first = len(fit.chain.machine.effects) + len(changes)
     final = fit
     if changes or model.steps:
         with progress("Fitting the extended machine"):
-            model, final = _that_predicts(fit, model, survey, changes, log)
+            model, final, larger = _that_predicts(fit, model, survey, changes, log)
+        if larger and not impossible:  # something else is the cause: what was found beside it was found with it
+            log.again()
+            return explained(fit, survey, changes, progress, log, larger)
     beside = scores.beside(model.start, model.linear)
     untestable = unseen(model.start.scene, beside, [s.effect for s in model.steps], log)
     return Explanation(fit, model, final, witnessed, untestable, scores.ranking(), first)
@@ -77,10 +93,10 @@ def explained(fit: Fit, survey: Survey, changes: Sequence[Effect], progress: Pro
 
 def _that_predicts(
     fit: Fit, model: EffectModel, survey: Survey, changes: Sequence[Effect], log: DecisionLog
-) -> tuple[EffectModel, Fit]:
+) -> tuple[EffectModel, Fit, frozenset[tuple[str, str]]]:
     """The model, less findings with which rows left out are predicted worse than by the plain `fit`; and its fit.
 
-    Less those, too, that time or temperature drives and that are larger than physics has them.
+    Less those, too, that time or temperature drives and that are larger than physics has them: their names and places.
     """
     machine = fit.chain.machine
     first = len(machine.effects) + len(changes)
@@ -92,7 +108,7 @@ def _that_predicts(
     def error(fit: Fit) -> float:
         return spread(fit, heldout=True).rms_um or 0.0
 
-    final = extended(model)
+    final, larger = extended(model), frozenset[tuple[str, str]]()
     while model.findings:
         if error(final) > NO_WORSE * error(fit):
             out = min((g[0] for g in model.findings), key=lambda s: s.evidence)
@@ -100,11 +116,12 @@ def _that_predicts(
         elif (impossible := _impossible_later(model, final, first)) is not None:
             out, times = impossible
             log.add("physical-size", "removed", out.effect, times, WIDEST)
+            larger |= {(out.effect.effect, out.effect.where)}
         else:
             break
         model = of_groups(model.start, [g for g in model.findings if g[0] is not out])
         final = extended(model)
-    return model, with_form(final, model, first) if model.steps else final
+    return model, with_form(final, model, first) if model.steps else final, larger
 
 
 def _impossible_later(model: EffectModel, final: Fit, first: int) -> tuple[Step, float] | None:
@@ -126,11 +143,13 @@ def _impossible_later(model: EffectModel, final: Fit, first: int) -> tuple[Step,
     return None
 
 
-def _tried(fit: Fit, progress: Progress, log: DecisionLog) -> tuple[LinearModel, Candidates]:
-    """The linear model of a fit, and every effect at every place that its survey shows."""
+def _tried(
+    fit: Fit, progress: Progress, log: DecisionLog, impossible: frozenset[tuple[str, str]]
+) -> tuple[LinearModel, Candidates]:
+    """The linear model of a fit, and every effect at every place that its survey shows and that is possible."""
     with progress("Trying all effects at all places"):
         linear = set_up(fit)
-        library = proposed(linear)
+        library = [e for e in proposed(linear) if (e.effect, e.where) not in impossible]
         most = min(enough_rows(linear, library), MOST_ROWS)
         if most < MOST_ROWS:
             linear = set_up(fit, most)

@@ -18,7 +18,7 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.row_residuals import ReadingSizes
 from identification.diagnosis.results.effect_size import Amount
 from identification.diagnosis.results.residual_dependence import Dependence
-from identification.diagnosis.search.scoring import DECISIVE_ODDS, FORM, Step
+from identification.diagnosis.search.scoring import DECISIVE_ODDS, FORM, Step, posterior
 from identification.estimation.result import noise_bounds
 
 SCHEMA = "errormodel.diagnosis/1"
@@ -254,7 +254,7 @@ def probabilities_of(step: Step) -> dict[str, float]:
     No form is exact, so that a difference of evidence counts for less the larger the whole effect is (`_temper`). That
     there is something, of whatever form, is not doubted for that.
     """
-    best = {CHANCE: float(np.log(max(step.trials, 1))) - step.evidence + step.evidence / _temper(step)}
+    best = {CHANCE: float(np.log(max(step.trials, 1))) - step.evidence + _tempered(step, step)}
     for one in (step, *step.alternatives):
         name = one.effect.effect
         best[name] = max(best.get(name, -np.inf), _weight(one, step))
@@ -280,7 +280,12 @@ def _weight(one: Step, step: Step) -> float:
     """Tempered log Bayes factor of a step or one of its alternatives, plus its log prior odds."""
     # an alternative counts for no more than the chosen name: of 47 such names 45 were right (seeds 86602540 and
     # 10488088)
-    return min(one.evidence, step.evidence) / _temper(step) - _odds(one)
+    return _tempered(one, step) - _odds(one)
+
+
+def _tempered(one: Step, step: Step) -> float:
+    least = min(posterior(one), posterior(step))
+    return (least + math.log(one.places)) / _temper(step) - math.log(one.places)
 
 
 def _odds(step: Step) -> float:

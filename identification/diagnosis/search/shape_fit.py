@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -41,7 +42,9 @@ def optimise_shapes(
         return []
     numbers = _shortlist(candidates, ranked, first)
     _record(log, linear, scores, ranked, numbers, least)
+    places = candidates.places
     steps = [_optimised(candidates, scores, linear, n, len(ranked)) for n in numbers]
+    steps = [step and replace(step, places=places[step.effect.effect]) for step in steps]
     able = [step for step in steps if step is not None]
     for step in able:
         gain = log_likelihood_gain(linear, step.delta_chi2)
