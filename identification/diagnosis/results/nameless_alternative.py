@@ -21,6 +21,7 @@ from identification.diagnosis.results.nameless_evidence import best_of, evidence
 from identification.diagnosis.results.physical_limits import nameless
 from identification.diagnosis.results.recorded_functions import Functions
 from identification.diagnosis.search.candidates import score_of
+from identification.diagnosis.search.criteria import causes_of
 from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.refinement import DEPARTURES, OWN
 from identification.diagnosis.search.scoring import DETECT, Step
@@ -51,7 +52,7 @@ def checked_alternative(
         evidence += max(usual, 0.0, form.random(form.columns(effect)[0]).best()[1])  # of any size, as what has no name
         form = form.with_effect(effect)
     own = max(without.square - form.square, 1e-300)
-    further, explained, left = best_of(form, functions)
+    further, explained, left = best_of(form, [f for f in functions if _thermal(f.channels) & _thermal(main.drivers)])
     trials = float(np.log(max(len(functions), 1)))
     # what noise that is correlated from row to row explains as well is no remainder
     if left is not None and further - trials > DETECT and evidence_in_any_noise(form, left) - trials > DETECT:
@@ -75,6 +76,11 @@ def _one_name(one: Effect, other: Effect) -> bool:
     places = [name for name, kind in one.shapes().items() if kind.place]
     together = all(getattr(one, n) == getattr(other, n) for n in places)
     return one.effect == other.effect and (together or _motion(one) != _motion(other))
+
+
+def _thermal(channels: Sequence[str]) -> set[bool]:
+    """Whether channels are temperatures and the clock, or commands, or both: what follows one is no part of the other."""
+    return {cause == "temperature" for cause in causes_of(channels)}
 
 
 def _motion(effect: Effect) -> object:
