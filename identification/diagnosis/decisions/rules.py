@@ -282,7 +282,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         # ---- probability of a name
         "name-probability": Rule(
             NAMES, "probability", "Evidence and prior odds of classes give the probability of each name.",
-            _in(_FINDINGS, "FORM_ODDS", "UNKNOWN"),
+            _in(_FINDINGS, "FORM_ODDS", "CHOSEN", "UNKNOWN"),
         ),
         "unlikely-name": Rule(
             NAMES, "probability", "A name that is less likely than not is none.", _in(_FINDINGS, "EVEN"),

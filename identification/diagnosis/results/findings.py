@@ -160,6 +160,7 @@ SEPARABLE = math.log10(DECISIVE_ODDS)  # decimal logarithm of the Bayes factor t
 # log prior odds of named physics against an empirical term; calibrated on findings of the proof: 389 (seeds 69069 and
 # 271828), by their Brier score
 FORM_ODDS = 6.0
+CHOSEN = 1.0  # log odds of the chosen step, which leaves least that looks unlike noise; calibrated on the same
 EVEN = 0.5  # probability of a name beside one that no reading could tell from it; one that is less likely is none
 CHANCE = "none"
 TINY = 1e-300
@@ -245,11 +246,12 @@ def probability_of(step: Step) -> float:
 
 
 def probabilities_of(step: Step) -> dict[str, float]:
-    """Posterior probability of each name among a step and its alternatives; the rest is chance, or an unknown effect."""
+    """Posterior probability of each name among a step and its alternatives; the rest: chance, or an unknown effect."""
     best = {CHANCE: math.log(max(step.trials, 1) / step.places)}
     for one in (step, *step.alternatives):
         name = one.effect.effect
         best[name] = max(best.get(name, -np.inf), _weight(one, step))
+    best[step.effect.effect] += CHOSEN
     weights = {name: np.exp(value - max(best.values())) for name, value in best.items()}
     total = sum(weights.values()) + UNKNOWN * weights[step.effect.effect]
     return {name: float(weight / total) for name, weight in weights.items() if name != CHANCE}
