@@ -79,7 +79,7 @@ def _one_name(one: Effect, other: Effect) -> bool:
 
 
 def _thermal(channels: Sequence[str]) -> set[bool]:
-    """Whether channels are temperatures (with the clock), commands, or both: what follows one is no part of the other."""
+    """Whether channels are temperatures and clocks, commands, or both: what follows one is no part of the other."""
     return {cause == "temperature" for cause in causes_of(channels)}
 
 
