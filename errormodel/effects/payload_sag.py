@@ -46,7 +46,7 @@ class PayloadSag(Effect):
     @model_validator(mode="after")
     def _one_place(self) -> Self:
         if (self.joint is None) == (self.element is None) or (self.element and (self.degree or self.gravity)):
-            raise ValueError("has either a joint, or an element and degree 0")
+            raise ValueError("a payload sag is that of a joint or of an element with degree: 0")
         return self
 
     @property

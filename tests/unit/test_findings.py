@@ -23,7 +23,16 @@ from errormodel.simulation import random_points
 from identification.diagnosis.linear.linear_model import LinearModel, set_up
 from identification.diagnosis.pipeline import _moved, diagnose
 from identification.diagnosis.results.effect_size import Whole, whole_of
-from identification.diagnosis.results.findings import BETTER, alternatives_of, look_alikes, probability_of
+from identification.diagnosis.results.findings import (
+    BETTER,
+    CHOSEN,
+    FORM_ODDS,
+    UNKNOWN,
+    alternatives_of,
+    look_alikes,
+    probabilities_of,
+    probability_of,
+)
 from identification.diagnosis.results.headline import headline
 from identification.diagnosis.results.statements import brief_of, causes, next_measurement, period_of, statement_of
 from identification.diagnosis.search.scoring import Step
@@ -247,6 +256,17 @@ def test_probabilities_of_all_explanations_belong_together(
             assert bool(a.reason) == (a.log10_bayes_factor > BETTER)
             words = "; ".join(comparison(a))
             assert ("fits this data better, but" in words) == (a.log10_bayes_factor > BETTER)
+
+
+def test_probabilities_are_evidence_times_what_is_known_beforehand() -> None:
+    """All names are equally likely, and of one name all its places; a form without a name e^6 times less."""
+    lost, form = made("lost-motion", joint="X"), made("unnamed", element="X", motion="dx", driver="dir_X")
+    rivals = (Step(lost, 48.0, 58.0, 0.3, places=6), Step(form, 49.0, 59.0, 0.3, places=300))
+    step = Step(made("backlash", joint="X"), 50.0, 60.0, 0.3, alternatives=rivals, trials=1, places=3)
+    names = probabilities_of(step)
+    assert names["lost-motion"] / names["backlash"] == pytest.approx(math.exp(48 - 50 - CHOSEN) * 3 / 6)
+    assert names["unnamed"] / names["backlash"] == pytest.approx(math.exp(49 - 50 - CHOSEN - FORM_ODDS) * 3 / 300)
+    assert sum(names.values()) == pytest.approx(1 - UNKNOWN * names["backlash"])
 
 
 def test_no_physics_that_may_be_it_is_crowded_out() -> None:

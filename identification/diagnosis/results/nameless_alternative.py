@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.effects.base import Effect
-from identification.diagnosis.decisions.log import DecisionLog
+from identification.diagnosis.decisions.log import DecisionLog, Outcome
 from identification.diagnosis.results.findings import EVEN, Alternative, Finding, probability_of
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.physical_limits import nameless
@@ -52,19 +52,30 @@ def checked_alternative(
         evidence += max(usual, 0.0, form.random(form.columns(effect)[0]).best()[1])  # of any size, as what has no name
         form = form.with_effect(effect)
     own = max(without.square - form.square, 1e-300)
-    further, explained, left = best_of(form, [f for f in functions if _thermal(f.channels) & _thermal(main.drivers)])
     trials = float(np.log(max(len(functions), 1)))
-    # what noise that is correlated from row to row explains as well is no remainder
-    if left is not None and further - trials > DETECT and evidence_in_any_noise(form, left) - trials > DETECT:
-        large = explained > OWN * own
-        log.add("remainder-of-name", "refused" if large else "kept", main, explained / own, OWN, beside=_words(left))
-        if large:
-            return nameless(finding, f"beside it as much is left, without a name ({_words(left)})")
-    instead, _, best = best_of(without, functions)
-    departure = DEPARTURE_COST * float(np.sqrt(explained / own))
-    lead = evidence + max(further - departure, 0.0) - instead + NAME_ODDS
-    log.add("nameless-alternative", "kept" if lead > 0 else "refused", main, lead, 0.0, beside=_words(best))
-    return finding if lead > 0 else nameless(finding, f"a function without a name explains as much ({_words(best)})")
+    lead, closest = np.inf, None
+    for parts in (
+        True,
+        False,
+    ):  # what may be a part of the name, or of which the name may be one; and what else there is
+        some = [f for f in functions if bool(_thermal(f.channels) & _thermal(main.drivers)) == parts]
+        if not some:
+            continue
+        further, explained, left = best_of(form, some)
+        # what noise that is correlated from row to row explains as well is no remainder
+        clear = parts and left is not None and further - trials > DETECT
+        if clear and left is not None and evidence_in_any_noise(form, left) - trials > DETECT:
+            large = explained > OWN * own
+            word: Outcome = "refused" if large else "kept"
+            log.add("remainder-of-name", word, main, explained / own, OWN, beside=_words(left))
+            if large:
+                return nameless(finding, f"beside it as much is left, without a name ({_words(left)})")
+        instead, _, best = best_of(without, some)
+        departure = DEPARTURE_COST * float(np.sqrt(explained / own)) if parts else 0.0
+        if (ahead := evidence + max(further - departure, 0.0) - instead + NAME_ODDS) < lead:
+            lead, closest = ahead, best
+    log.add("nameless-alternative", "kept" if lead > 0 else "refused", main, lead, 0.0, beside=_words(closest))
+    return finding if lead > 0 else nameless(finding, f"a function without a name explains as much ({_words(closest)})")
 
 
 def _one_name(one: Effect, other: Effect) -> bool:
