@@ -92,10 +92,7 @@ def _preferred(step: Step, other: Step, log: DecisionLog) -> Step:
 
 
 def _names(linear: LinearModel, ranked: Sequence[Step], log: DecisionLog) -> list[Step]:
-    """Named effects in order of preference.
-
-    Near-ties are ranked by their log Bayes factor under correlated noise.
-    """
+    """Named effects in order of preference: by their log posterior odds, near-ties by those under correlated noise."""
     if len(ranked) < 2:
         return list(ranked)
     ranked = sorted(ranked, key=lambda s: -posterior(s))
