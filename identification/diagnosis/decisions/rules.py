@@ -281,7 +281,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         # ---- probability of a name
         "name-probability": Rule(
-            NAMES, "probability", "Evidence, the number of places and the odds of empirical terms give the probability of each name.",
+            NAMES, "probability", "Evidence over the number of places, and prior odds, give the probability of a name.",
             _in(_FINDINGS, "FORM_ODDS", "CHOSEN", "UNKNOWN"),
         ),
         "unlikely-name": Rule(
