@@ -106,24 +106,6 @@ def test_a_contact_may_push_in_several_directions() -> None:
     assert found.effect == "contact-knee"
 
 
-def test_what_wanders_in_time_is_no_part_of_what_follows_a_command() -> None:
-    """An axis has its play beside a drift of a member that nothing recorded."""
-    machine = read_machine("vertical_three_axis")
-    survey = empty_survey(machine, 240, 10, channels=True, grid=False)
-    drift = EffectSpec("structure-drift", {"element": "column", "motion": "dx", "sensor": "T_0"})
-    play = EffectSpec("backlash", {"joint": "Y"})
-    wave = survey.table.assign(T_0=20 + wandering(survey.table["time"].to_numpy()))
-    moved = showing(replace(survey, table=wave), machine, [(play, [0.03]), (drift, [0.005])], 0.002)
-    linear = set_up(fit_machine(machine, replace(moved, table=moved.table.assign(T_0=21.0))))
-    step = Step(made("backlash", joint="Y"), 100.0, 200.0, 0.0)
-    said = replace(SAID, effect="backlash", where="Y", driver=["dir_Y"])
-    model = of_groups(linear, [[step]])
-    log = DecisionLog()
-    found = checked_alternative(said, model, [step], recorded(linear, np.unique(linear.index)), log)
-    assert found.effect == "backlash"
-    assert ("remainder-of-name", "refused") not in [(d.rule, d.outcome) for d in log]
-
-
 def test_a_name_that_is_less_likely_than_not_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(nameless_alternative, "probability_of", lambda step: 0.49)
     log, step = DecisionLog(), Step(DRIFT, 110.0, 200.0, 0.0)

@@ -15,13 +15,12 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.effects.base import Effect
-from identification.diagnosis.decisions.log import DecisionLog, Outcome
+from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.results.findings import EVEN, Alternative, Finding, probability_of
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.physical_limits import nameless
 from identification.diagnosis.results.recorded_functions import Functions
 from identification.diagnosis.search.candidates import score_of
-from identification.diagnosis.search.criteria import causes_of
 from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.refinement import DEPARTURES, OWN
 from identification.diagnosis.search.scoring import DETECT, Step
@@ -52,30 +51,19 @@ def checked_alternative(
         evidence += max(usual, 0.0, form.random(form.columns(effect)[0]).best()[1])  # of any size, as what has no name
         form = form.with_effect(effect)
     own = max(without.square - form.square, 1e-300)
+    further, explained, left = best_of(form, functions)
     trials = float(np.log(max(len(functions), 1)))
-    lead, closest = np.inf, None
-    for parts in (
-        True,
-        False,
-    ):  # what may be a part of the name, or of which the name may be one; and what else there is
-        some = [f for f in functions if bool(_thermal(f.channels) & _thermal(main.drivers)) == parts]
-        if not some:
-            continue
-        further, explained, left = best_of(form, some)
-        # what noise that is correlated from row to row explains as well is no remainder
-        clear = parts and left is not None and further - trials > DETECT
-        if clear and left is not None and evidence_in_any_noise(form, left) - trials > DETECT:
-            large = explained > OWN * own
-            word: Outcome = "refused" if large else "kept"
-            log.add("remainder-of-name", word, main, explained / own, OWN, beside=_words(left))
-            if large:
-                return nameless(finding, f"beside it as much is left, without a name ({_words(left)})")
-        instead, _, best = best_of(without, some)
-        departure = DEPARTURE_COST * float(np.sqrt(explained / own)) if parts else 0.0
-        if (ahead := evidence + max(further - departure, 0.0) - instead + NAME_ODDS) < lead:
-            lead, closest = ahead, best
-    log.add("nameless-alternative", "kept" if lead > 0 else "refused", main, lead, 0.0, beside=_words(closest))
-    return finding if lead > 0 else nameless(finding, f"a function without a name explains as much ({_words(closest)})")
+    # what noise that is correlated from row to row explains as well is no remainder
+    if left is not None and further - trials > DETECT and evidence_in_any_noise(form, left) - trials > DETECT:
+        large = explained > OWN * own
+        log.add("remainder-of-name", "refused" if large else "kept", main, explained / own, OWN, beside=_words(left))
+        if large:
+            return nameless(finding, f"beside it as much is left, without a name ({_words(left)})")
+    instead, _, best = best_of(without, functions)
+    departure = DEPARTURE_COST * float(np.sqrt(explained / own))
+    lead = evidence + max(further - departure, 0.0) - instead + NAME_ODDS
+    log.add("nameless-alternative", "kept" if lead > 0 else "refused", main, lead, 0.0, beside=_words(best))
+    return finding if lead > 0 else nameless(finding, f"a function without a name explains as much ({_words(best)})")
 
 
 def _one_name(one: Effect, other: Effect) -> bool:
@@ -87,11 +75,6 @@ def _one_name(one: Effect, other: Effect) -> bool:
     places = [name for name, kind in one.shapes().items() if kind.place]
     together = all(getattr(one, n) == getattr(other, n) for n in places)
     return one.effect == other.effect and (together or _motion(one) != _motion(other))
-
-
-def _thermal(channels: Sequence[str]) -> set[bool]:
-    """Whether channels are temperatures and clocks, commands, or both: what follows one is no part of the other."""
-    return {cause == "temperature" for cause in causes_of(channels)}
 
 
 def _motion(effect: Effect) -> object:

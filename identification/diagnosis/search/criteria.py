@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from errormodel.arrays import Array
@@ -39,12 +37,8 @@ def base_channels(effect: Effect) -> frozenset[str]:
 
     All temperatures, and time, count as one cause: "temperature".
     """
-    return causes_of(effect.drivers)
-
-
-def causes_of(channels: Iterable[str]) -> frozenset[str]:
-    """The same of channels."""
-    return frozenset("temperature" if n.startswith("T_") or n == "time" else n for n in map(root, channels))
+    names = map(root, effect.drivers)
+    return frozenset("temperature" if n.startswith("T_") or n == "time" else n for n in names)
 
 
 def one_sensor(one: Effect, other: Effect) -> bool:
