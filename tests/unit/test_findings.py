@@ -26,8 +26,6 @@ from identification.diagnosis.results.effect_size import Whole, whole_of
 from identification.diagnosis.results.findings import (
     BETTER,
     CHOSEN,
-    FORM_ODDS,
-    UNKNOWN,
     alternatives_of,
     look_alikes,
     probabilities_of,
@@ -258,15 +256,18 @@ def test_probabilities_of_all_explanations_belong_together(
             assert ("fits this data better, but" in words) == (a.log10_bayes_factor > BETTER)
 
 
-def test_probabilities_are_evidence_times_what_is_known_beforehand() -> None:
-    """All names are equally likely, and of one name all its places; a form without a name e^6 times less."""
-    lost, form = made("lost-motion", joint="X"), made("unnamed", element="X", motion="dx", driver="dir_X")
-    rivals = (Step(lost, 48.0, 58.0, 0.3, places=6), Step(form, 49.0, 59.0, 0.3, places=300))
-    step = Step(made("backlash", joint="X"), 50.0, 60.0, 0.3, alternatives=rivals, trials=1, places=3)
-    names = probabilities_of(step)
-    assert names["lost-motion"] / names["backlash"] == pytest.approx(math.exp(48 - 50 - CHOSEN) * 3 / 6)
-    assert names["unnamed"] / names["backlash"] == pytest.approx(math.exp(49 - 50 - CHOSEN - FORM_ODDS) * 3 / 300)
-    assert sum(names.values()) == pytest.approx(1 - UNKNOWN * names["backlash"])
+def test_all_names_are_equally_likely_beforehand_and_of_one_name_all_its_places() -> None:
+    """So many times the places, so much less likely: as the evidence is, and all the rest, the same."""
+    lost = made("lost-motion", joint="X")
+
+    def odds(own: int, others: int) -> float:
+        rival = Step(lost, 50.0, 60.0, 0.3, places=others)
+        names = probabilities_of(Step(made("backlash", joint="X"), 50.0, 60.0, 0.3, alternatives=(rival,), places=own))
+        return names["lost-motion"] / names["backlash"]
+
+    assert odds(1, 1) == pytest.approx(math.exp(-CHOSEN))
+    assert odds(3, 6) == pytest.approx(odds(1, 1) / 2)
+    assert odds(6, 3) < 2 * odds(1, 1)  # the chosen one counts for no less than another
 
 
 def test_no_physics_that_may_be_it_is_crowded_out() -> None:

@@ -282,7 +282,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         # ---- probability of a name
         "name-probability": Rule(
             NAMES, "probability", "Evidence over the number of places, and prior odds, give the probability of a name.",
-            _in(_FINDINGS, "FORM_ODDS", "CHOSEN", "UNKNOWN"),
+            _in(_FINDINGS, "FORM_ERROR", "FORM_ODDS", "FLEXIBLE_ODDS", "CHOSEN", "UNKNOWN"),
         ),
         "unlikely-name": Rule(
             NAMES, "probability", "A name that is less likely than not is none.", _in(_FINDINGS, "EVEN"),
