@@ -72,9 +72,10 @@ def _one_name(one: Effect, other: Effect) -> bool:
     A second lag is of it, and so is what a contact at about the same place does in another direction; a second jump of
     the same motion is not.
     """
+    if one.effect != other.effect:
+        return False
     places = [name for name, kind in one.shapes().items() if kind.place]
-    together = all(getattr(one, n) == getattr(other, n) for n in places)
-    return one.effect == other.effect and (together or _motion(one) != _motion(other))
+    return _motion(one) != _motion(other) or all(getattr(one, n) == getattr(other, n) for n in places)
 
 
 def _motion(effect: Effect) -> object:
