@@ -20,8 +20,8 @@ class ThermalBending(JointEffect):
     """``curvature * (T_sensor - T_minus) * u (L - u)/2`` across the axis, with its slope as an angle; 1/(mm K).
 
     u is the position from the lower end of the travel, L the travel, `tau` (s) the beam's lag behind its sensors. A
-    beam `held` at one end of the travel only, as a column at its foot, is a cantilever: ``-u^2/2`` from there. A second
-    parameter is a slope beyond that of the deflection: guides follow the beam only approximately.
+    second parameter is a slope beyond that of the deflection: guides follow the beam only approximately. A beam `held`
+    at one end of the travel only, as a column at its foot, is a cantilever: ``-u^2/2`` from there, and its slope.
     """
 
     effect: ClassVar[str] = "thermal-bending"
@@ -47,12 +47,11 @@ class ThermalBending(JointEffect):
         joint = joint_as(machine, self.joint, "prismatic", self.effect)
         (low, high), q = joint.travel, channel(self.joint)
         warm = warmth(channel, self.sensor, self.minus, self.tau)
-        if self.held is None:
-            deflection, slope_of_it = warm * (q - low) * (high - q) / 2, warm * ((low + high) / 2 - q)
-        else:
+        if self.held is not None:
             u = q - (low if self.held == "low" else high)
-            deflection, slope_of_it = -warm * u * u / 2, -warm * u
-        bow = bending(joint, self.motion, deflection, slope_of_it)
+            cantilever = bending(joint, self.motion, -warm * u * u / 2, -warm * u)
+            return [EffectTerm(self.joint, "bow", "1/(mm K)", cantilever, STEEL_EXPANSION / 300)]
+        bow = bending(joint, self.motion, warm * (q - low) * (high - q) / 2, warm * ((low + high) / 2 - q))
         slope = {name: value for name, value in bow.items() if name != self.motion}
         return [
             EffectTerm(self.joint, "bow", "1/(mm K)", bow, STEEL_EXPANSION / 300),
