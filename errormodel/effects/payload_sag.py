@@ -57,6 +57,11 @@ class PayloadSag(Effect):
     def drivers(self) -> tuple[str, ...]:
         return ("load", self.joint) if self.joint else ("load",)
 
+    @property
+    def cost(self) -> float:
+        """Natural logarithm of the prior odds against it: guides give way more than castings."""
+        return 0.0 if self.joint else 1.0
+
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         load = channel("load")
         if self.joint is None:
