@@ -7,22 +7,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
-from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
+from errormodel.effects.base import Channels, Effect, EffectTerm, along
 from errormodel.effects.kinematics import Gravity, apply, lever, places
-from errormodel.effects.ops import cos, sin
+from errormodel.effects.ops import Value, cos, sin
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import joint_as
 from errormodel.effects.travel import legendre, sag_direction, scaled
 from errormodel.machine import Machine, joint_of
 
 
-class PayloadSag(JointEffect):
+class PayloadSag(Effect):
     """`motion` per kg of the column ``load`` (mm/kg, rad/kg), in Legendre polynomials of the travel up to `degree`.
+
+    At an `element` in place of a `joint`, such as a pallet, it is the same everywhere.
 
     For a rotary joint: a constant, and unless `degree` is 0 the sine and cosine of its angle. With `gravity` it twists
     about its own axis by the load's lever there (rad per kg and mm), as the pose of all joints makes it.
@@ -35,16 +37,36 @@ class PayloadSag(JointEffect):
     separate: ClassVar[str] = "the same positions with no load and with two loads"
     example: ClassVar[Mapping[str, object]] = {"joint": "Y"}
 
+    joint: str | None = None
+    element: str | None = None
     motion: Motion | None = None  # None: dz, or dy for a joint along z
     degree: Annotated[int, Field(ge=0, le=2)] = 2
     gravity: Gravity | None = None  # direction of gravity in the reference's axes
 
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        if (self.joint is None) == (self.element is None) or (self.element and (self.degree or self.gravity)):
+            raise ValueError("a payload sag is that of a joint or of an element with degree: 0")
+        return self
+
+    @property
+    def where(self) -> str:
+        return self.joint or self.element or ""
+
     @property
     def drivers(self) -> tuple[str, ...]:
-        return ("load", self.joint)
+        return ("load", self.joint) if self.joint else ("load",)
+
+    @property
+    def cost(self) -> float:
+        """Natural logarithm of the prior odds against it: guides give way more than castings."""
+        return 0.0 if self.joint else 1.0
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        joint, q, load = joint_of(machine, self.joint), channel(self.joint), channel("load")
+        load = channel("load")
+        if self.joint is None:
+            return [self._term("", load, self.motion or "dz")]
+        joint, q = joint_of(machine, self.joint), channel(self.joint)
         if self.gravity is not None:
             turning = joint_as(machine, self.joint, "rotary", self.effect)
             number, frames = machine.elements.index(turning), places(machine, channel)
@@ -56,8 +78,11 @@ class PayloadSag(JointEffect):
         else:
             bends = {"sin": sin(q), "cos": cos(q)} if self.degree else {}
         shapes = {"": 1.0, **bends}
-        unit, size = f"{unit_of(motion)}/kg", 5e-4 if motion in TRANSLATIONS else 1e-6
-        return [EffectTerm(self.joint, k, unit, {motion: load * shape}, size) for k, shape in shapes.items()]
+        return [self._term(label, load * shape, motion) for label, shape in shapes.items()]
+
+    def _term(self, label: str, value: Value, motion: Motion) -> EffectTerm:
+        size = 5e-4 if motion in TRANSLATIONS else 1e-6
+        return EffectTerm(self.where, label, f"{unit_of(motion)}/kg", {motion: value}, size)
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
@@ -65,5 +90,7 @@ class PayloadSag(JointEffect):
             # degree 0: the same deflection everywhere; degree 2: it varies along the travel
             for joint, motion, degree in product(scene.moving, MOTIONS, (0, 2)):
                 yield cls(joint=joint.name, motion=motion, degree=degree)
+            for member, motion in product(scene.machine.shapes, MOTIONS):
+                yield cls(element=member.name, motion=motion, degree=0)
             for joint, gravity in product(scene.rotary, ("-x", "-y", "-z")):
                 yield cls.model_validate({"joint": joint.name, "gravity": gravity})

@@ -12,7 +12,7 @@ from typing import ClassVar
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import STEEL_EXPANSION, Lag, across, bending, joint_as, lags, thermal, warmth
-from errormodel.effects.travel import Translation
+from errormodel.effects.travel import TRAVEL_ENDS, End, Translation
 from errormodel.machine import Machine
 
 
@@ -20,7 +20,8 @@ class ThermalBending(JointEffect):
     """``curvature * (T_sensor - T_minus) * u (L - u)/2`` across the axis, with its slope as an angle; 1/(mm K).
 
     u is the position from the lower end of the travel, L the travel, `tau` (s) the beam's lag behind its sensors. A
-    second parameter is a slope beyond that of the deflection: guides follow the beam only approximately.
+    second parameter is a slope beyond that of the deflection: guides follow the beam only approximately. A beam `held`
+    at one end of the travel only, as a column at its foot, is a cantilever: ``-u^2/2`` from there, and its slope.
     """
 
     effect: ClassVar[str] = "thermal-bending"
@@ -36,6 +37,7 @@ class ThermalBending(JointEffect):
     sensor: str
     minus: str | None = None
     tau: Lag = 0.0
+    held: End | None = None
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -45,6 +47,10 @@ class ThermalBending(JointEffect):
         joint = joint_as(machine, self.joint, "prismatic", self.effect)
         (low, high), q = joint.travel, channel(self.joint)
         warm = warmth(channel, self.sensor, self.minus, self.tau)
+        if self.held is not None:
+            u = q - (low if self.held == "low" else high)
+            cantilever = bending(joint, self.motion, -warm * u * u / 2, -warm * u)
+            return [EffectTerm(self.joint, "bow", "1/(mm K)", cantilever, STEEL_EXPANSION / 300)]
         bow = bending(joint, self.motion, warm * (q - low) * (high - q) / 2, warm * ((low + high) / 2 - q))
         slope = {name: value for name, value in bow.items() if name != self.motion}
         return [
@@ -58,4 +64,5 @@ class ThermalBending(JointEffect):
             for motion in across(joint, "d"):
                 for sensor, minus in combinations(scene.sensors, 2):
                     for tau in lags(scene):
-                        yield cls(joint=joint.name, motion=motion, sensor=sensor, minus=minus, tau=tau)
+                        for held in (None, *TRAVEL_ENDS):
+                            yield cls(joint=joint.name, motion=motion, sensor=sensor, minus=minus, tau=tau, held=held)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from errormodel.effects.base import Effect
@@ -17,7 +17,7 @@ from identification.diagnosis.results.model_discrepancy import with_form
 from identification.diagnosis.results.physical_limits import times_usual
 from identification.diagnosis.results.untestable import unseen
 from identification.diagnosis.results.witnesses import WitnessResult, apply_witnesses
-from identification.diagnosis.search.candidates import WIDEST, Candidates, Ranked
+from identification.diagnosis.search.candidates import WIDEST, Candidates, Ranked, Scores
 from identification.diagnosis.search.conditional_evidence import in_correlated_noise
 from identification.diagnosis.search.criteria import base_channels
 from identification.diagnosis.search.forward_selection import forward_select
@@ -25,7 +25,6 @@ from identification.diagnosis.search.instrument_noise import tracker_noise
 from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.model_comparison import NO_WORSE, compare_alternatives
 from identification.diagnosis.search.proposals import enough_rows, proposed
-from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
 from identification.runtime.progress import Progress
@@ -48,39 +47,62 @@ class Explanation:
     first: int
 
 
-def explained(fit: Fit, survey: Survey, changes: Sequence[Effect], progress: Progress, log: DecisionLog) -> Explanation:
-    """What explains a fit's residuals, and the survey fitted with it; `changes` are effects that mend blunders."""
-    linear, candidates = _tried(fit, progress, log)
+def explained(
+    fit: Fit,
+    survey: Survey,
+    changes: Sequence[Effect],
+    progress: Progress,
+    log: DecisionLog,
+    impossible: Callable[[Effect], bool] | None = None,
+) -> Explanation:
+    """What explains a fit's residuals, and the survey fitted with it.
+
+    Parameters
+    ----------
+    changes : effects that mend blunders.
+    impossible : whether an effect is no candidate, because an earlier search found it larger than physics has it.
+    """
+    linear, candidates = _tried(fit, progress, log, impossible)
     if (seen := tracker_noise(fit, linear, candidates, survey, log)) is not None:
         survey, fit = seen, fit_machine(fit.chain.machine, seen)
         del linear, candidates  # of an arm hundreds of megabytes, and as much again is made
-        linear, candidates = _tried(fit, progress, log)
+        linear, candidates = _tried(fit, progress, log, impossible)
     if (known := likelier_sides(survey, linear, log=log)) is not None:
-        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log)
+        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible)
     scores = candidates.scores(linear).alone()
     selected = forward_select(linear, candidates, progress, log=log)
     chosen = compare_alternatives(selected, candidates, progress, log)
     if (known := likelier_sides(survey, linear, [s.effect for s in chosen.steps], log)) is not None:
         log.again()
-        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log)
+        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible)
     del candidates, selected  # hundreds of megabytes that the fit of all rows needs
     model, witnessed = apply_witnesses(in_correlated_noise(chosen, log), log)
     first = len(fit.chain.machine.effects) + len(changes)
     final = fit
     if changes or model.steps:
         with progress("Fitting the extended machine"):
-            model, final = _that_predicts(fit, model, survey, changes, log)
-    beside = scores.beside(model.start, model.linear)
-    untestable = unseen(model.start.scene, beside, [s.effect for s in model.steps], log)
+            model, final, larger = _that_predicts(fit, model, survey, changes, log)
+        if larger:  # something else is the cause, which may have a name; if not, nothing thermal has one
+            log.again()
+            without = _by_temperature if impossible else lambda e: (e.effect, e.where) in larger
+            again = explained(fit, survey, changes, progress, log, without)
+            return replace(again, untestable=_untestable(scores, again.model, log), ranking=scores.ranking())
+    untestable = [] if impossible else _untestable(scores, model, log)
     return Explanation(fit, model, final, witnessed, untestable, scores.ranking(), first)
+
+
+def _untestable(scores: Scores, model: EffectModel, log: DecisionLog) -> list[Untestable]:
+    """What cannot be seen, by the scores of all effects before anything was found."""
+    beside = scores.beside(model.start, model.linear)
+    return unseen(model.start.scene, beside, [s.effect for s in model.steps], log)
 
 
 def _that_predicts(
     fit: Fit, model: EffectModel, survey: Survey, changes: Sequence[Effect], log: DecisionLog
-) -> tuple[EffectModel, Fit]:
+) -> tuple[EffectModel, Fit, set[tuple[str, str]]]:
     """The model, less findings with which rows left out are predicted worse than by the plain `fit`; and its fit.
 
-    Less those, too, that time or temperature drives and that are larger than physics has them.
+    Also what in it is larger than physics has it, by name and place (`_too_large`).
     """
     machine = fit.chain.machine
     first = len(machine.effects) + len(changes)
@@ -93,44 +115,44 @@ def _that_predicts(
         return spread(fit, heldout=True).rms_um or 0.0
 
     final = extended(model)
-    while model.findings:
-        if error(final) > NO_WORSE * error(fit):
-            out = min((g[0] for g in model.findings), key=lambda s: s.evidence)
-            log.add("prediction-made-worse", "removed", out.effect, ratio(error(final), error(fit)), NO_WORSE)
-        elif (impossible := _impossible_later(model, final, first)) is not None:
-            out, times = impossible
-            log.add("physical-size", "removed", out.effect, times, WIDEST)
-        else:
-            break
+    while model.findings and not (larger := _too_large(model, final, first, log)):
+        if error(final) <= NO_WORSE * error(fit):
+            return model, with_form(final, model, first), set()
+        out = min((g[0] for g in model.findings), key=lambda s: s.evidence)
+        log.add("prediction-made-worse", "removed", out.effect, ratio(error(final), error(fit)), NO_WORSE)
         model = of_groups(model.start, [g for g in model.findings if g[0] is not out])
         final = extended(model)
-    return model, with_form(final, model, first) if model.steps else final
+    return model, final, larger if model.findings else set()
 
 
-def _impossible_later(model: EffectModel, final: Fit, first: int) -> tuple[Step, float] | None:
-    """A named effect by time or temperature that is larger than physics has it, and how many times the usual size.
+def _too_large(model: EffectModel, final: Fit, first: int, log: DecisionLog) -> set[tuple[str, str]]:
+    """Names and places of effects by time or temperature that are larger than physics has them.
 
     Later times and other temperatures are beyond what was measured: there such a form is no prediction.
     """
+    out = set()
     for k, step in enumerate(model.steps):
         effect = step.effect
-        if (
-            step.parent is None
-            and not effect.empirical
-            and not effect.random
-            and "temperature" in base_channels(effect)
-        ):
+        if step.parent is None and not effect.random and _by_temperature(effect):
             times, _ = times_usual(effect, final.chain.effect_ids[first + k], final)
             if times > WIDEST:
-                return step, times
-    return None
+                log.add("physical-size", "removed", effect, times, WIDEST)
+                out.add((effect.effect, effect.where))
+    return out
 
 
-def _tried(fit: Fit, progress: Progress, log: DecisionLog) -> tuple[LinearModel, Candidates]:
-    """The linear model of a fit, and every effect at every place that its survey shows."""
+def _by_temperature(effect: Effect) -> bool:
+    """Whether an effect has a name, and temperature or time drives it."""
+    return not effect.empirical and "temperature" in base_channels(effect)
+
+
+def _tried(
+    fit: Fit, progress: Progress, log: DecisionLog, impossible: Callable[[Effect], bool] | None
+) -> tuple[LinearModel, Candidates]:
+    """The linear model of a fit, and every effect at every place that its survey shows and that is possible."""
     with progress("Trying all effects at all places"):
         linear = set_up(fit)
-        library = proposed(linear)
+        library = [e for e in proposed(linear) if impossible is None or not impossible(e)]
         most = min(enough_rows(linear, library), MOST_ROWS)
         if most < MOST_ROWS:
             linear = set_up(fit, most)

@@ -154,6 +154,13 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
             bad, sound = still, _without_fit_rows(survey, still)
             fit = fit_machine(machine, sound)
             found = explained(fit, sound, changes, progress, log)
+    if found.model.steps and not noise_checked and (more := gross_rows(found.final, log) & ~bad).any():
+        # what was found had hidden them
+        log.again()
+        bad = bad | more
+        sound = _without_fit_rows(survey, bad)
+        fit = fit_machine(machine, sound)
+        found = explained(fit, sound, changes, progress, log)
     model, final, first = found.model, found.final, found.first
     fits = [*before, mended]
     findings = [_blunder_finding(b, *fits[k : k + 2]) for k, b in enumerate(blunders)]

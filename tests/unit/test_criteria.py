@@ -147,6 +147,15 @@ def test_what_bends_may_be_explained_by_what_bends() -> None:
     assert not chosen(step(BEHIND, 84.0, delta_chi2_of_form=50.0), form)
 
 
+def test_all_effects_are_equally_likely_beforehand_wherever_they_may_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two names that fit as well, that with fewer places is chosen; with as many times the evidence, the other."""
+    monkeypatch.setattr(scoring, "evidence_in_any_noise", lambda linear, steps: [s.evidence for s in steps])
+    few = step(50.0, 100.0, places=2)
+    for lead, first in ((0.0, few), (np.log(10.0) - 1e-6, few), (np.log(10.0) + 1e-6, None)):
+        many = step(50.0 + float(lead), 100.0, places=20)
+        assert choose(None, [many, few]) is (first or many)  # type: ignore[arg-type]
+
+
 def test_evidence_must_outweigh_the_places_that_were_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scoring, "explained_by_noise", lambda linear, step: 0.0)
     for trials in (0, 1, 1000):

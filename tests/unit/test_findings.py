@@ -23,7 +23,15 @@ from errormodel.simulation import random_points
 from identification.diagnosis.linear.linear_model import LinearModel, set_up
 from identification.diagnosis.pipeline import _moved, diagnose
 from identification.diagnosis.results.effect_size import Whole, whole_of
-from identification.diagnosis.results.findings import BETTER, alternatives_of, look_alikes, probability_of
+from identification.diagnosis.results.findings import (
+    BETTER,
+    CHOSEN,
+    FORM_ERROR,
+    alternatives_of,
+    look_alikes,
+    probabilities_of,
+    probability_of,
+)
 from identification.diagnosis.results.headline import headline
 from identification.diagnosis.results.statements import brief_of, causes, next_measurement, period_of, statement_of
 from identification.diagnosis.search.scoring import Step
@@ -247,6 +255,21 @@ def test_probabilities_of_all_explanations_belong_together(
             assert bool(a.reason) == (a.log10_bayes_factor > BETTER)
             words = "; ".join(comparison(a))
             assert ("fits this data better, but" in words) == (a.log10_bayes_factor > BETTER)
+
+
+def test_all_names_are_equally_likely_beforehand_and_of_one_name_all_its_places() -> None:
+    """So many times the places, so much less likely: as the evidence is, and all the rest, the same."""
+    lost = made("lost-motion", joint="X")
+
+    def odds(own: int, others: int) -> float:
+        rival = Step(lost, 50.0, 60.0, 0.3, places=others)
+        names = probabilities_of(Step(made("backlash", joint="X"), 50.0, 60.0, 0.3, alternatives=(rival,), places=own))
+        return names["lost-motion"] / names["backlash"]
+
+    temper = 1 + FORM_ERROR**2 * 60 / 0.7
+    assert odds(1, 1) == pytest.approx(math.exp(-CHOSEN))
+    assert odds(3, 6) == pytest.approx(odds(1, 1) * 2 ** (-1 / temper))
+    assert odds(6, 3) == odds(1, 1)  # no other name counts for more than the chosen one
 
 
 def test_no_physics_that_may_be_it_is_crowded_out() -> None:

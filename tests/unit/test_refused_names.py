@@ -87,6 +87,25 @@ def test_a_form_that_only_follows_the_clock_is_no_temperature() -> None:
     assert {d.outcome for d in log} == {"refused"}
 
 
+def knee(motion: str, at: float) -> Step:
+    return Step(made("contact-knee", joint="X", motion=motion, at=at), 100.0, 200.0, 0.0)
+
+
+def test_a_contact_may_push_in_several_directions() -> None:
+    """Where about it begins is found for each by itself."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 240, 9, channels=False, grid=False)
+    fields = [("dy", 210.0), ("dz", 220.0)]
+    specs = [(EffectSpec("contact-knee", {"joint": "X", "motion": m, "at": at}), [0.08]) for m, at in fields]
+    linear = set_up(fit_machine(machine, showing(survey, machine, specs, 0.002)))
+    model = of_groups(linear, [[knee(*own) for own in fields]])
+    said = replace(SAID, effect="contact-knee", where="X", driver=["X"])
+    found = checked_alternative(
+        said, model, model.findings[0], recorded(linear, np.unique(linear.index)), DecisionLog()
+    )
+    assert found.effect == "contact-knee"
+
+
 def test_a_name_that_is_less_likely_than_not_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(nameless_alternative, "probability_of", lambda step: 0.49)
     log, step = DecisionLog(), Step(DRIFT, 110.0, 200.0, 0.0)

@@ -143,7 +143,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "near-tie": Rule(
             SELECTION, EVIDENCE,
-            "Named effects near the best one, also in correlated noise, are weighed by preference.",
+            "Named effects near the best one, also in correlated noise, by evidence over the number of their places.",
             _in(_SCORING, "CLEARLY", "NEAR"),
         ),
         "most-evidence": Rule(
@@ -281,7 +281,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         # ---- probability of a name
         "name-probability": Rule(
-            NAMES, "probability", "Evidence and prior odds of classes give the probability of each name.",
+            NAMES, "probability", "Evidence over the number of places, and prior odds, give the probability of a name.",
             _in(_FINDINGS, "FORM_ERROR", "FORM_ODDS", "FLEXIBLE_ODDS", "CHOSEN", "UNKNOWN"),
         ),
         "unlikely-name": Rule(

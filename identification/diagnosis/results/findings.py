@@ -18,7 +18,7 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.row_residuals import ReadingSizes
 from identification.diagnosis.results.effect_size import Amount
 from identification.diagnosis.results.residual_dependence import Dependence
-from identification.diagnosis.search.scoring import DECISIVE_ODDS, FORM, Step
+from identification.diagnosis.search.scoring import DECISIVE_ODDS, FORM, Step, posterior
 from identification.estimation.result import noise_bounds
 
 SCHEMA = "errormodel.diagnosis/1"
@@ -224,6 +224,8 @@ def preference(step: Step, alternative: Step) -> str:
         return "a curve without a name can follow anything: known physics is preferred"
     if _odds(alternative) > _odds(step):
         return "it can follow any smooth curve, and counts for less than a form that physics fixes"
+    if posterior(alternative) <= posterior(step):
+        return "it would be likelier at some of the many places, or by some of the many drivers, that it may have"
     return "what it leaves looks less like noise, or it departs more from its textbook form"
 
 
@@ -254,7 +256,7 @@ def probabilities_of(step: Step) -> dict[str, float]:
     No form is exact, so that a difference of evidence counts for less the larger the whole effect is (`_temper`). That
     there is something, of whatever form, is not doubted for that.
     """
-    best = {CHANCE: float(np.log(max(step.trials, 1))) - step.evidence + step.evidence / _temper(step)}
+    best = {CHANCE: math.log(max(step.trials, 1)) - step.evidence + _tempered(step, step)}
     for one in (step, *step.alternatives):
         name = one.effect.effect
         best[name] = max(best.get(name, -np.inf), _weight(one, step))
@@ -277,10 +279,15 @@ def _temper(step: Step) -> float:
 
 
 def _weight(one: Step, step: Step) -> float:
-    """Tempered log Bayes factor of a step or one of its alternatives, plus its log prior odds."""
+    """Log posterior odds of a step or one of its alternatives."""
+    return _tempered(one, step) - _odds(one)
+
+
+def _tempered(one: Step, step: Step) -> float:
+    """What is known of a step or one of its alternatives by its place and by the data, as far as forms are exact."""
     # an alternative counts for no more than the chosen name: of 47 such names 45 were right (seeds 86602540 and
     # 10488088)
-    return min(one.evidence, step.evidence) / _temper(step) - _odds(one)
+    return min(posterior(one), posterior(step)) / _temper(step)
 
 
 def _odds(step: Step) -> float:

@@ -67,9 +67,19 @@ def checked_alternative(
 
 
 def _one_name(one: Effect, other: Effect) -> bool:
-    """Whether two effects have one name and one place in time or travel: a second lag is of it, no second jump is."""
+    """Whether two effects have one name, and one place in time or travel or another motion.
+
+    A second lag is of it, and so is what a contact at about the same place does in another direction; a second jump of
+    the same motion is not.
+    """
+    if one.effect != other.effect:
+        return False
     places = [name for name, kind in one.shapes().items() if kind.place]
-    return one.effect == other.effect and all(getattr(one, n) == getattr(other, n) for n in places)
+    return _motion(one) != _motion(other) or all(getattr(one, n) == getattr(other, n) for n in places)
+
+
+def _motion(effect: Effect) -> object:
+    return getattr(effect, "motion", None)
 
 
 def _words(function: Functions | None) -> str:

@@ -7,7 +7,7 @@ factor. All log Bayes factors are natural logarithms.
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -107,6 +107,11 @@ class Candidates:
         for n, key in enumerate(self.keys):
             out.setdefault(key, []).append(n)
         return out
+
+    @cached_property
+    def places(self) -> Counter[str]:
+        """At how many places, or by how many drivers, each effect is proposed."""
+        return Counter(self.effects[numbers[0]].effect for numbers in self.of_key.values())
 
     def joined(self, other: Candidates) -> Candidates:
         """Both lists as one."""

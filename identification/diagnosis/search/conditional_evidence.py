@@ -21,7 +21,8 @@ def conditional_scores(model: EffectModel, candidates: Candidates, log: Decision
     for k, (main, *more) in enumerate(groups):
         linear = model.without([main, *more])
         steps = optimise_shapes(linear, candidates, MOST_ALTERNATIVES_TRIED)
-        own = scored(linear, main.effect, len(candidates.of_key.get(main.effect.key, [0])), main.trials) or main
+        shapes = len(candidates.of_key.get(main.effect.key, [0]))
+        own = scored(linear, main.effect, shapes, main.trials, main.places) or main
         marginal = max([own.evidence, *(s.evidence for s in steps if s.effect.key == main.effect.key)])
         # refinements of the same name (a second sensor) add to its evidence; of an unnamed finding, all do
         evidence, beside = own.evidence, linear

@@ -38,6 +38,8 @@ class Step:
     partner : a second cause of the same motion that was accepted with it.
     parent : number of the step that this one refines, or None: a finding of its own.
     trials : number of candidates that were compared; its logarithm is the trials factor.
+    places : number of those that are this effect, at other places or by other drivers: all effects are equally likely
+        beforehand, and of one effect all its places.
     marginal : largest evidence of the effect's shapes without refinements, given all other findings.
     """
 
@@ -52,6 +54,7 @@ class Step:
     partner: tuple[Effect, ...] = ()
     parent: int | None = None
     trials: int = 0
+    places: int = 1
     marginal: float = 0.0
 
 
@@ -89,25 +92,29 @@ def _preferred(step: Step, other: Step, log: DecisionLog) -> Step:
 
 
 def _names(linear: LinearModel, ranked: Sequence[Step], log: DecisionLog) -> list[Step]:
-    """Named effects in order of preference.
-
-    Near-ties are ranked by their log Bayes factor under correlated noise.
-    """
+    """Named effects in order of preference: by their log posterior odds, near-ties by those under correlated noise."""
     if len(ranked) < 2:
         return list(ranked)
+    ranked = sorted(ranked, key=lambda s: -posterior(s))
     reach = max(CLEARLY, NEAR * ranked[0].evidence)
-    able = [s for s in ranked if s.evidence > ranked[0].evidence - reach]
-    behind = ranked[0].evidence - reach
-    log.set_aside("near-tie", ranked, able, lambda s: s.evidence, behind, ranked[0].effect)
-    left = dict(zip(map(id, able), evidence_in_any_noise(linear, able), strict=True))
+    behind = posterior(ranked[0]) - reach
+    able = [s for s in ranked if posterior(s) > behind]
+    log.set_aside("near-tie", ranked, able, posterior, behind, ranked[0].effect)
+    in_noise = zip(able, evidence_in_any_noise(linear, able), strict=True)
+    left = {id(s): e - s.evidence + posterior(s) for s, e in in_noise}
     near = [s for s in able if left[id(s)] > max(left.values()) - reach]
     log.set_aside("near-tie", able, near, lambda s: left[id(s)], max(left.values()) - reach, ranked[0].effect)
-    least = near[0].evidence - CLEARLY
-    kept = [s for s in near if s.evidence > least]
-    log.set_aside("near-tie", near, kept, lambda s: s.evidence, least, near[0].effect)
+    least = posterior(near[0]) - CLEARLY
+    kept = [s for s in near if posterior(s) > least]
+    log.set_aside("near-tie", near, kept, posterior, least, near[0].effect)
     first = sorted(kept, key=lambda s: -left[id(s)])
     log.set_aside("most-evidence", first, first[:1], lambda s: left[id(s)], left[id(first[0])], first[0].effect)
     return [*first, *(s for s in ranked if s not in first)]
+
+
+def posterior(step: Step) -> float:
+    """Log posterior odds of an effect at its place, but for what all effects have in common."""
+    return step.evidence - math.log(step.places)
 
 
 def evidence_in_any_noise(linear: LinearModel, steps: Sequence[Step]) -> list[float]:

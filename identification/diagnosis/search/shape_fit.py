@@ -120,20 +120,22 @@ def _optimised(candidates: Candidates, scores: Scores, linear: LinearModel, numb
         found = minimize_scalar(left, bounds=(below, above), method="bounded", options={"maxiter": 20})
         if found.fun < left(value):
             effect = effect.model_copy(update={name: float(found.x)})
-    step = scored(linear, effect, len(family), trials)
+    places = candidates.places[effect.effect]
+    step = scored(linear, effect, len(family), trials, places)
     if step is None or scores.evidence[number] > step.evidence - step.evidence_of_form + np.log(len(family)) + ROUNDED:
         # where the squares are least a size may be beyond what is usual
-        step = scored(linear, candidates.effects[number], len(family), trials)
+        step = scored(linear, candidates.effects[number], len(family), trials, places)
     return step
 
 
-def scored(linear: LinearModel, effect: Effect, shapes: int, trials: int) -> Step | None:
+def scored(linear: LinearModel, effect: Effect, shapes: int, trials: int, places: int) -> Step | None:
     """An effect scored as a step, given the linear model; None where it moves nothing.
 
     Parameters
     ----------
     shapes : how many of its shapes were tried: divides its Bayes factor.
     trials : keys (effects at places) searched: the trials factor.
+    places : how many of them are this effect.
     """
     own = score_of(linear, effect)
     if own is None:
@@ -149,4 +151,5 @@ def scored(linear: LinearModel, effect: Effect, shapes: int, trials: int) -> Ste
         delta_chi2_of_form=delta_of_form,
         evidence_of_form=of_form,
         trials=trials,
+        places=places,
     )

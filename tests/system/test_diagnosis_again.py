@@ -1,0 +1,50 @@
+"""What is only seen once something else is found: gross rows, and that a cause is too large to be one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from errormodel.machine import EffectSpec
+from errormodel.machine_file import read_machine
+from errormodel.survey import Survey
+from identification.diagnosis.pipeline import diagnose
+from tests.helpers.diagnosed import empty_survey, showing
+
+MACHINE = read_machine("vertical_three_axis")
+BAD = [20, 71, 133, 180]  # rows, from 0
+
+
+@pytest.fixture(scope="module")
+def survey() -> Survey:
+    return empty_survey(MACHINE, 220, 11, channels=True, grid=False)
+
+
+@pytest.mark.parametrize("far", [0.0, 0.05])
+def test_gross_rows_that_an_effect_hides_are_found(survey: Survey, far: float) -> None:
+    """Beside 120 um of play rows that are 50 um off stand out in no fit; beside 2 um of noise they do."""
+    moved = showing(survey, MACHINE, [(EffectSpec("lost-motion", {"joint": "X"}), [0.12])], 0.002)
+    table = moved.table.copy()
+    table.loc[table.index[BAD], "mz"] += far
+    found = diagnose(MACHINE, replace(moved, table=table)).diagnosis
+    rows = [f.rows for f in found.findings if f.effect == "outliers"]
+    assert rows == ([[r + 1 for r in BAD]] if far else [])
+    assert [f.where for f in found.findings if f.effect != "outliers"] == ["X"]
+
+
+def test_without_a_cause_that_is_too_large_it_is_looked_for_another() -> None:
+    """A member that moved by 2 mm/K would be no member: something without that name follows the temperature."""
+    survey = empty_survey(MACHINE, 220, 12, channels=True, grid=False)
+    fields: dict[str, object] = {"element": "column", "motion": "dy", "sensor": "T_0"}
+    moved = showing(survey, MACHINE, [(EffectSpec("structure-drift", fields), [2.0])], 0.003)
+    done = diagnose(MACHINE, moved)
+    outcomes = [(d.rule, d.outcome, d.effect, d.where) for d in done.log]
+    assert ("physical-size", "removed", "structure-drift", "column") in outcomes
+    assert not any(f.effect == "structure-drift" and f.where == "column" for f in done.diagnosis.findings)
+    assert done.diagnosis.findings
+    after = done.diagnosis.final["heldout_rms_um"]
+    before = done.diagnosis.baseline["heldout_rms_um"]
+    assert after is not None
+    assert before is not None
+    assert after < 0.1 * before
