@@ -18,7 +18,10 @@ from errormodel.machine import Machine
 
 
 class Eccentricity(JointEffect):
-    """``sin * sin(harmonic q) + cos * cos(harmonic q)`` about the axis in rad; `harmonic` periods per revolution."""
+    """``sin * sin(harmonic q) + cos * cos(harmonic q)`` about the axis in rad; `harmonic` periods per revolution.
+
+    A scale that is `oval` as well has as much of twice the harmonic.
+    """
 
     effect: ClassVar[str] = "eccentricity"
     family: ClassVar[str] = "periodic"
@@ -28,6 +31,7 @@ class Eccentricity(JointEffect):
     example: ClassVar[Mapping[str, object]] = {"joint": "B", "harmonic": 2}
 
     harmonic: Annotated[int, Field(ge=1)] = 1
+    oval: bool = False
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -41,8 +45,12 @@ class Eccentricity(JointEffect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_as(machine, self.joint, "rotary", self.effect)
         both = waves(channel(self.joint), self.harmonic)
+        if self.oval:
+            both |= {f"{label}2": wave for label, wave in waves(channel(self.joint), 2 * self.harmonic).items()}
         return [EffectTerm(self.joint, label, "rad", along(joint, wave), 5e-5) for label, wave in both.items()]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        return (cls(joint=joint.name, harmonic=k) for joint in scene.rotary for k in (1, 2, 3))
+        for joint in scene.rotary:
+            yield from (cls(joint=joint.name, harmonic=k) for k in (1, 2, 3))
+            yield cls(joint=joint.name, oval=True)
