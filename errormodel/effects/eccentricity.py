@@ -20,7 +20,7 @@ from errormodel.machine import Machine
 class Eccentricity(JointEffect):
     """``sin * sin(harmonic q) + cos * cos(harmonic q)`` about the axis in rad; `harmonic` periods per revolution.
 
-    A scale that is `oval` as well has as much of twice the harmonic.
+    A scale that is `oval`, too, adds a wave of twice the harmonic.
     """
 
     effect: ClassVar[str] = "eccentricity"
