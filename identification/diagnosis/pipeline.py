@@ -28,7 +28,7 @@ from identification.diagnosis.data_checks.runs_of_motions import (
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
 from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
 from identification.diagnosis.decisions.log import DecisionLog
-from identification.diagnosis.extension import explained
+from identification.diagnosis.extension import Explanation, explained
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.motions_as_points import as_points, carried
 from identification.diagnosis.linear.residual_rows import heldout_um, views_of
@@ -143,6 +143,14 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     for name, reason in dead.items():
         log.add("sensor-fault", "not considered", f"column {name}", beside=reason)
     found = explained(fit, sound, changes, progress, log)
+
+    def again(left_out: Mask) -> tuple[Fit, Explanation]:
+        """The fit and the search without other gross rows."""
+        log.again()
+        rest = _without_fit_rows(survey, left_out)
+        refitted = fit_machine(machine, rest)
+        return refitted, explained(refitted, rest, changes, progress, log)
+
     if bad.any() and found.model.steps:
         # what was found may explain rows that were far out: then they are no outliers, and show its form best
         extended = found.final.chain.machine
@@ -150,17 +158,11 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         fewer = still.sum() < bad.sum()
         log.add("outliers-explained", "found" if fewer else "passed", "rows", int(still.sum()), int(bad.sum()))
         if fewer:
-            log.again()
-            bad, sound = still, _without_fit_rows(survey, still)
-            fit = fit_machine(machine, sound)
-            found = explained(fit, sound, changes, progress, log)
+            bad = still
+            fit, found = again(bad)
     if found.model.steps and not noise_checked and (more := gross_rows(found.final, log) & ~bad).any():
-        # what was found had hidden them
-        log.again()
-        bad = bad | more
-        sound = _without_fit_rows(survey, bad)
-        fit = fit_machine(machine, sound)
-        found = explained(fit, sound, changes, progress, log)
+        bad = bad | more  # what was found had hidden them
+        fit, found = again(bad)
     model, final, first = found.model, found.final, found.first
     fits = [*before, mended]
     findings = [_blunder_finding(b, *fits[k : k + 2]) for k, b in enumerate(blunders)]

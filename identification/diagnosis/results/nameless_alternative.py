@@ -75,11 +75,8 @@ def _one_name(one: Effect, other: Effect) -> bool:
     if one.effect != other.effect:
         return False
     places = [name for name, kind in one.shapes().items() if kind.place]
-    return _motion(one) != _motion(other) or all(getattr(one, n) == getattr(other, n) for n in places)
-
-
-def _motion(effect: Effect) -> object:
-    return getattr(effect, "motion", None)
+    together = all(getattr(one, name) == getattr(other, name) for name in places)
+    return together or getattr(one, "motion", None) != getattr(other, "motion", None)
 
 
 def _words(function: Functions | None) -> str:

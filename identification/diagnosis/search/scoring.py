@@ -59,7 +59,7 @@ class Step:
 
 
 def choose(linear: LinearModel, steps: Sequence[Step], log: DecisionLog = UNRECORDED) -> Step:
-    """The named effect with most evidence, unless an empirical term has more, or as much with fewer parameters."""
+    """The likeliest named effect, unless an empirical term has more evidence, or as much with fewer parameters."""
     ranked = sorted(steps, key=lambda s: -s.evidence)
     forms = [s for s in ranked if s.effect.empirical]
     names = _names(linear, [s for s in ranked if not s.effect.empirical], log)
@@ -101,7 +101,7 @@ def _names(linear: LinearModel, ranked: Sequence[Step], log: DecisionLog) -> lis
     able = [s for s in ranked if posterior(s) > behind]
     log.set_aside("near-tie", ranked, able, posterior, behind, ranked[0].effect)
     in_noise = zip(able, evidence_in_any_noise(linear, able), strict=True)
-    left = {id(s): e - s.evidence + posterior(s) for s, e in in_noise}
+    left = {id(s): e - math.log(s.places) for s, e in in_noise}
     near = [s for s in able if left[id(s)] > max(left.values()) - reach]
     log.set_aside("near-tie", able, near, lambda s: left[id(s)], max(left.values()) - reach, ranked[0].effect)
     least = posterior(near[0]) - CLEARLY
