@@ -25,7 +25,7 @@ from identification.diagnosis.data_checks.temperature_sensors import dead_sensor
 from identification.diagnosis.linear.first_poses import FirstPoses
 from identification.diagnosis.linear.known_models import Lineage
 from identification.diagnosis.linear.orthonormal_basis import LEFT, orthonormal_basis
-from identification.diagnosis.linear.random_effects import EXACT, RandomEffects
+from identification.diagnosis.linear.random_effects import EXACT, RandomEffects, principal
 from identification.diagnosis.linear.row_channels import LazyChannels, RowChannels, runs_of
 from identification.diagnosis.linear.row_residuals import noise_mm
 from identification.diagnosis.linear.survey_rows import SurveyRows
@@ -102,7 +102,10 @@ class LinearModel:
         return self.table[name]
 
     def columns(self, effect: Effect) -> tuple[Array, Array]:
-        """Whitened columns (k, N + ties) of an effect's parameters as they act on the data, and their sizes (k,)."""
+        """Whitened columns (k, N + ties) of an effect's parameters as they act on the data, and their sizes (k,).
+
+        Of random effects they are the principal components, which are as many parameters or fewer.
+        """
         if self.lineage is None:
             return self._own_columns(effect)
         columns, sizes = self._known_columns(effect) or self._own_columns(effect)
@@ -120,9 +123,12 @@ class LinearModel:
         return columns, known[1]
 
     def _own_columns(self, effect: Effect) -> tuple[Array, Array]:
-        columns, sizes = self.swept([effect])
+        (columns,), sizes = self.swept([effect])
+        if effect.random:
+            columns = principal(columns)
+            sizes = sizes[: len(columns)]
         columns.flags.writeable = sizes.flags.writeable = False  # others have them too
-        return columns[0], sizes
+        return columns, sizes
 
     def swept(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
         """Columns (n, k, N + ties) and sizes (k,) of effects that are alike but for the field `Effect.shape`."""
