@@ -62,6 +62,7 @@ class LinearModel:
     rows : the rows of the survey that the observations are of; None where these have two poses.
     plain : observations and ties, and columns of the basis, before the effects of the lineage; None: it has none.
     holds : of each of these effects, the weights (k,) of the equations that tie its parameters to zero; none: (0,).
+    noise : variance by which random effects are shrunk; None: what each leaves when it is added.
     """
 
     chain: Chain
@@ -77,6 +78,7 @@ class LinearModel:
     rows: SurveyRows | None = None
     plain: tuple[int, ...] | None = None
     holds: tuple[Array, ...] = ()
+    noise: float | None = None
 
     @property
     def size(self) -> int:
@@ -225,6 +227,28 @@ class LinearModel:
         lineage.known.further.keep(lineage.effects, own, sum(a.nbytes for a in own))
         return made
 
+    def with_effects(self, effects: Sequence[Effect]) -> LinearModel:
+        """The linear model after some effects have been fitted, one after the other."""
+        known, lineage = list[tuple[Array, Array, Array]](), self.lineage
+        for effect in effects if lineage is not None else ():
+            assert lineage is not None
+            further = lineage.further(effect)
+            if (found := further.known.further.find(further.effects)) is None:
+                break
+            known.append(found)
+            lineage = further
+        linear = self
+        if known:
+            size, counts = len(known[-1][0]), [own.shape[1] for own, _, _ in known]
+            columns = np.zeros((size, sum(counts)))
+            for at, (own, _, _) in zip(np.cumsum([0, *counts]).tolist(), known, strict=False):
+                columns[: len(own), at : at + own.shape[1]] = own
+            holds = (*self.holds, *(hold for _, _, hold in known))
+            linear = replace(self._widened(columns, known[-1][1], known[-1][2], lineage), holds=holds)
+        for effect in effects[len(known) :]:
+            linear = linear.with_effect(effect)
+        return linear
+
     def _widened(self, columns: Array, residual: Array, hold: Array, lineage: Lineage) -> LinearModel:
         """The model with further columns (N + ties, k) of the basis, of which the last ties may be new."""
         plain, holds = self.plain or self.basis.shape, (*self.holds, hold)
@@ -235,6 +259,11 @@ class LinearModel:
         """The same for an independent search."""
         lineage = self.lineage and replace(self.lineage, known=self.lineage.known.copy())
         return replace(self, lineage=lineage)
+
+    def at_noise(self, noise: float) -> LinearModel:
+        """The model without effects, for random effects that are shrunk by some noise variance."""
+        lineage = self.lineage and Lineage((), noise, self.lineage.known.of_columns())
+        return replace(self, noise=noise, lineage=lineage)
 
     def of_residual(self, residual: Array) -> LinearModel:
         """The same for another residual."""
@@ -277,8 +306,9 @@ class LinearModel:
         """
         if not effect.random:
             return np.zeros(len(size))
-        random = RandomEffects.of(columns, self.basis, self.residual, self.freedom, inner)
-        noise = random.noise(float(size[0]))
+        if (noise := self.noise) is None:
+            random = RandomEffects.of(columns, self.basis, self.residual, self.freedom, inner)
+            noise = random.noise(float(size[0]))
         return np.asarray(np.sqrt(noise) / size)
 
     def estimates(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
