@@ -238,7 +238,7 @@ class LinearModel:
             known.append(found)
             lineage = further
         linear = self
-        if known:
+        if known and lineage is not None:
             size, counts = len(known[-1][0]), [own.shape[1] for own, _, _ in known]
             columns = np.zeros((size, sum(counts)))
             for at, (own, _, _) in zip(np.cumsum([0, *counts]).tolist(), known, strict=False):

@@ -69,7 +69,8 @@ def forward_select(
     for number, step in enumerate(begin):
         log.begin(number)
         log.add("search-from", "added", step.effect)
-        candidates = candidates.joined(Candidates.of(linear, list(forms(linear, step.effect))))
+        if step.parent is None:
+            candidates = candidates.joined(Candidates.of(linear, list(forms(linear, step.effect))))
     seen = {_causes(model)}
     looked = dict[object, Array]()
     while len(model.steps) < MOST_STEPS and not model.linear.exact:

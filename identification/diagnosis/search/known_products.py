@@ -88,8 +88,7 @@ class KnownProducts:
 
         assert linear.lineage is not None
         count, places = self.directions.shape[1], list[Array]()
-        for effect, hold in zip(linear.lineage.effects, linear.holds, strict=True):
-            own = self.effects[effect]
+        for own in (self.effects[effect] for effect in linear.lineage.effects):
             place = np.zeros((len(own), count))
             place[:, : own.shape[1]] = own
             places.append(place)

@@ -74,8 +74,8 @@ def at_its_noise(model: EffectModel) -> EffectModel:
     another effect of its kind.
     """
     noise = model.linear.square / model.linear.freedom
-    holds = model.linear.holds[len(model.start.holds) :]
-    taken = [(h[0] * model.start.columns(s.effect)[1][0]) ** 2 for s, h in zip(model.steps, holds, strict=True) if len(h)]
+    holds = zip(model.steps, model.linear.holds[len(model.start.holds) :], strict=True)
+    taken = [(hold[0] * model.start.columns(s.effect)[1][0]) ** 2 for s, hold in holds if len(hold)]
     if max(taken, default=0.0) < MUCH * noise:
         return model
     return replayed(model.start.at_noise(noise), model.steps)
@@ -86,8 +86,9 @@ def fitted_of_groups(model: EffectModel) -> list[Array]:
     start = model.start
     columns = [start.columns(s.effect)[0] for s in model.steps]
     ends = np.cumsum([0, *map(len, columns)]).tolist()
-    holds = [h if len(h) else np.zeros(len(c)) for h, c in zip(model.linear.holds[len(start.holds) :], columns, strict=True)]
-    left, tied = start.project(np.vstack(columns)), np.concatenate(holds)
+    holds = zip(model.linear.holds[len(start.holds) :], columns, strict=True)
+    left = start.project(np.vstack(columns))
+    tied = np.concatenate([hold if len(hold) else np.zeros(len(own)) for hold, own in holds])
     norms = np.maximum(np.hypot(np.linalg.norm(left, axis=1), tied), TINY)
     left /= norms[:, None]
     gram = left @ left.T + np.diag(np.square(tied / norms) + ROUNDED)
