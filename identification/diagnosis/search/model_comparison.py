@@ -41,9 +41,9 @@ def compare_alternatives(
     begin += _second_causes(model, candidates, log)
     if not begin:
         return model
-    # of a model with many steps few searches are begun: each is as long as the first one
+    # of a model with many steps few searches are begun, the first of all: each takes as long as the search before
     ends = np.cumsum([len(steps) for steps in begin])
-    begin = [steps for k, steps in enumerate(begin) if not k or ends[k] <= 2 * MOST_STEPS]
+    begin = [steps for k, steps in enumerate(begin) if not k or ends[k] <= MOST_STEPS]
     logs = [log.branch(k) for k in range(1, len(begin) + 1)]
     best, most = model, log_evidence(model)
     with progress("Comparing alternative models"):
