@@ -19,7 +19,8 @@ from annotated_types import Ge, Gt, Le, Lt
 from errormodel import effects
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
-from identification.diagnosis.linear.linear_model import LinearModel, set_up
+from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.of_fit import set_up
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
 

@@ -10,7 +10,8 @@ from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.first_approach import likelier_sides
 from identification.diagnosis.decisions.log import DecisionLog, ratio
-from identification.diagnosis.linear.linear_model import LEAST_RUN, MOST_ROWS, LinearModel, set_up, unused_runs
+from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.of_fit import LEAST_RUN, MOST_ROWS, set_up, unused_runs
 from identification.diagnosis.linear.row_residuals import spread
 from identification.diagnosis.results.findings import Untestable
 from identification.diagnosis.results.model_discrepancy import with_form

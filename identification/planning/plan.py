@@ -20,7 +20,7 @@ from errormodel.machine import Machine
 from errormodel.simulation import measured_at, outward
 from errormodel.surveys.columns import MEASURED
 from errormodel.truth import Truth
-from identification.diagnosis.linear.linear_model import MOST_ROWS, set_up
+from identification.diagnosis.linear.of_fit import MOST_ROWS, set_up
 from identification.diagnosis.search.criteria import canonical_correlation
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit

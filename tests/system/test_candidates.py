@@ -15,7 +15,7 @@ from errormodel.effects.cross_axis_compliance import CrossAxisCompliance
 from errormodel.machine import EffectSpec, Joint
 from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
-from identification.diagnosis.linear.linear_model import set_up
+from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.results.untestable import unseen
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import MANY, Candidates

@@ -23,7 +23,7 @@ from errormodel.observations import registry
 from errormodel.observations.base import Observation
 from errormodel.simulation_readings import readings_at
 from errormodel.truth import Truth
-from identification.diagnosis.linear.linear_model import set_up
+from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.linear.row_residuals import METRE, noise_mm, spread, vectors
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.diagnosed import Diagnosed

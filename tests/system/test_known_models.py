@@ -15,7 +15,8 @@ from errormodel.effects.unnamed import Unnamed
 from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
 from identification.diagnosis.linear.known_models import Known, Latest, Lineage
-from identification.diagnosis.linear.linear_model import LinearModel, set_up
+from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.blocks import Vectors
 from identification.diagnosis.search.candidates import Candidates, score_of

@@ -12,7 +12,7 @@ from errormodel.effects import make
 from errormodel.effects.unnamed import Unnamed, switch
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
-from identification.diagnosis.linear.linear_model import set_up
+from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.findings import probability_of
 from identification.diagnosis.search.candidates import Candidates

@@ -16,7 +16,7 @@ from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import library, read_machine
 from errormodel.simulation import random_points
-from identification.diagnosis.linear.linear_model import set_up
+from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.scoring import DETECT
 from identification.estimation.fit import fit_machine

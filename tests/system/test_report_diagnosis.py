@@ -21,7 +21,7 @@ from errormodel.machine_file import read_machine
 from errormodel.simulation import measured_at, outward, random_points
 from errormodel.survey import Survey, read_survey
 from errormodel.truth import Truth
-from identification.diagnosis.linear.linear_model import set_up
+from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.diagnosed import Diagnosed
 from identification.diagnosis.results.findings import Alternative, Finding, HeldOut, Untestable

@@ -20,7 +20,8 @@ from errormodel.effects.base import Effect
 from errormodel.machine import Machine
 from errormodel.machine_file import read_machine
 from errormodel.simulation import random_points
-from identification.diagnosis.linear.linear_model import LinearModel, set_up
+from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.pipeline import _moved, diagnose
 from identification.diagnosis.results.effect_size import Whole, whole_of
 from identification.diagnosis.results.findings import (

@@ -11,7 +11,7 @@ from errormodel.arrays import Array
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.diagnosis.decisions.log import DecisionLog
-from identification.diagnosis.linear.linear_model import set_up
+from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.results import nameless_alternative
 from identification.diagnosis.results.findings import Finding, HeldOut
 from identification.diagnosis.results.nameless_alternative import checked_alternative

@@ -127,7 +127,7 @@ def _orientation(view: PositionView) -> Array:
 
 def _best_effect(fit: Fit) -> float:
     """Log likelihood ratio of the effect that explains most of what is left."""
-    from identification.diagnosis.linear.linear_model import set_up
+    from identification.diagnosis.linear.of_fit import set_up
     from identification.diagnosis.search.candidates import Candidates
     from identification.diagnosis.search.proposals import proposed
 

@@ -116,11 +116,11 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "rows-used": Rule(
             PROPOSALS, COUNT,
             "Candidates are scored in no more rows than this.",
-            _in("linear.linear_model", "MOST_ROWS")
+            _in("linear.of_fit", "MOST_ROWS")
         ),
         "run-labels": Rule(
             PROPOSALS, COUNT, "A run drives candidates where there are few labels, each of enough rows.",
-            _in("linear.linear_model", "MOST_RUNS", "LEAST_RUN"),
+            _in("linear.of_fit", "MOST_RUNS", "LEAST_RUN"),
         ),
         "collinear-with-geometry": Rule(
             PROPOSALS, SHARE, "A candidate of which the geometry leaves no direction has no score.",

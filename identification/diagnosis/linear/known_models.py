@@ -77,15 +77,16 @@ class Known:
 
 @dataclass(frozen=True)
 class Lineage:
-    """How a linear model was made of a first one: by which effects in turn."""
+    """How a linear model was made of a first one: by which effects in turn, and at which noise (`LinearModel`)."""
 
     effects: tuple[Effect, ...] = ()
+    noise: float | None = None
     known: Known = field(default_factory=Known, compare=False, repr=False)
 
     def further(self, effect: Effect) -> Lineage:
         """That of the model with one more effect."""
-        return Lineage((*self.effects, effect), self.known)
+        return replace(self, effects=(*self.effects, effect))
 
     def first(self, count: int) -> Lineage:
         """That of the model with the first so many of the effects."""
-        return self if count == len(self.effects) else Lineage(self.effects[:count], self.known)
+        return self if count == len(self.effects) else replace(self, effects=self.effects[:count])

@@ -12,6 +12,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 
+DEPENDENT = 1e-9  # of the largest eigenvalue: less is rounding
 ROUNDED = 1e-14  # of the columns' lengths squared, in double precision
 EXACT = 1e-100  # residual sum of squares (noise variances) of readings that fit exactly: no less, to divide by
 AT_ONCE = 16  # sets of random effects: all their scales stay within the processor's cache
@@ -89,6 +90,15 @@ class RandomEffects:
         return variance
 
 
+def principal(columns: Array) -> Array:
+    """Columns (p, n) of random effects in their principal components, of k columns (k, n) with the same covariance.
+
+    Components without variance but by rounding are left out: a smooth curve with many knots has half as many.
+    """
+    values, vectors = np.linalg.eigh(columns @ columns.T)
+    return np.asarray(vectors[:, values > DEPENDENT * values[-1]].T @ columns)
+
+
 def scores_of(gram: Array, slopes: Array, whole: Array, square: float, freedom: int) -> tuple[Array, Array, Array]:
     """Log Bayes factor, noise variance and absorbed share (m,) of several sets of random effects.
 
@@ -109,7 +119,7 @@ def scores_of(gram: Array, slopes: Array, whole: Array, square: float, freedom: 
 def _spectra(gram: Array, slopes: Array, whole: Array) -> tuple[Array, Array]:
     """Eigenvalues (m, k) and slopes along their directions (m, k); zero where the geometry left nothing."""
     values, vectors = np.linalg.eigh(gram)
-    left = values > np.maximum(1e-9 * values[:, -1], ROUNDED * whole)[:, None]
+    left = values > np.maximum(DEPENDENT * values[:, -1], ROUNDED * whole)[:, None]
     along = (vectors.transpose(0, 2, 1) @ slopes[..., None])[..., 0]
     return np.where(left, values, 0.0), np.where(left, along, 0.0)
 

@@ -26,7 +26,7 @@ def with_form(final: Fit, model: EffectModel, first: int) -> Fit:
         sizes = np.array([solution.values[solution.unknowns.index(name)] for name in names])
         relative_of = [_relative(step) / (1 if len(group) == 1 else 2) for step in group]
         relative = np.repeat(relative_of, [len(own) for own in ids])
-        columns = np.vstack([model.start.columns(step.effect)[0] for step in group])[:, : len(model.start.index)]
+        columns = np.vstack([model.start.swept([step.effect])[0][0] for step in group])[:, : len(model.start.index)]
         # two lags that nearly cancel are each much larger than their sum: the uncertainty is that of the sum
         alone = np.sum(sizes**2 * np.sum(columns**2, axis=1))
         part = np.sum((sizes @ columns) ** 2) / alone if alone else 0.0

@@ -15,6 +15,7 @@ from errormodel.arrays import Array, Columns, Index, Mask
 from errormodel.conventions import MOTIONS, Motion
 from errormodel.effects.base import Effect, EffectTerm
 from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.random_effects import DEPENDENT
 from identification.diagnosis.linear.survey_rows import SurveyRows
 from identification.runtime.parallel import parallel_map
 
@@ -128,8 +129,12 @@ class Block(NamedTuple):
             # readings without noise weigh beyond single precision: undefined
             whole = plain.whole()
             undefined = ~np.isfinite(whole).all(axis=(1, 2))
+            columns[undefined], whole[undefined] = 0.0, 0.0
+            if exact:
+                plain = plain._in_principal_components(whole)
+                whole = plain.whole()
             products = plain.times(geometry or geometry_of(linear).on(lever))
-        columns[undefined], whole[undefined], products[undefined] = 0.0, 0.0, 0.0
+        products[undefined] = 0.0
         inner, slope = products[..., :-1], products[..., -1].copy()  # a view would keep all products
         square = np.maximum(np.diagonal(whole, axis1=1, axis2=2), NOTHING)
         return plain._replace(gram=whole - gram_of(inner), slope=slope, square=square)
@@ -163,6 +168,14 @@ class Block(NamedTuple):
             return np.array([part @ own for part in self.parts()]).reshape(m, k, -1)
         own = vectors.cast(self.columns.dtype)[:n]
         return (self.columns.reshape(m * k, n) @ own).reshape(m, k, -1).astype(float)
+
+    def _in_principal_components(self, whole: Array) -> Block:
+        """The block of random effects with as few parameters as their products (m, k, k) need."""
+        values, vectors = np.linalg.eigh(whole)
+        rank = int((values > DEPENDENT * values[:, -1:]).sum(axis=1).max(initial=1))
+        turned = vectors[:, :, -rank:].transpose(0, 2, 1)
+        columns = np.array([t @ own for t, own in zip(turned, self.parts(), strict=True)], self.columns.dtype)
+        return self._replace(columns=columns, sizes=self.sizes[:, :rank])
 
     def part(self, some: Mask) -> Block:
         """Some of its proposals."""

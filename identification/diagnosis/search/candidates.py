@@ -26,12 +26,11 @@ from identification.diagnosis.search.blocks import (
     Block,
     Kind,
     Made,
-    Vectors,
     blocks_of,
     columns_of,
     gram_of,
-    products,
 )
+from identification.diagnosis.search.known_products import KnownProducts
 from identification.diagnosis.search.proposals import proposed
 from identification.runtime.parallel import parallel_map
 
@@ -61,7 +60,7 @@ class Candidates:
     keys: list[tuple[object, ...]] = field(default_factory=list)
     parts: tuple[Candidates, ...] = ()
     _known: OrderedDict[Lineage, Scored] = field(default_factory=OrderedDict, repr=False)
-    _grams: OrderedDict[Lineage, tuple[int, list[Array]]] = field(default_factory=OrderedDict, repr=False)
+    _products: list[KnownProducts] = field(default_factory=list, repr=False)  # the one that was last used
 
     @classmethod
     def of(cls, linear: LinearModel, effects: Sequence[Effect] | None = None) -> Candidates:
@@ -125,7 +124,7 @@ class Candidates:
     def branch(self) -> Candidates:
         """A copy for an independent search, so that the order of searches does not change how scores are rounded."""
         parts = tuple(part.branch() for part in self.parts)
-        return Candidates(self.effects, self.blocks, self.keys, parts, self._known.copy(), self._grams.copy())
+        return Candidates(self.effects, self.blocks, self.keys, parts, self._known.copy(), self._products.copy())
 
     def scores(self, linear: LinearModel) -> Scores:
         """Scores of each proposal, given the effects that the linear model holds."""
@@ -169,35 +168,27 @@ class Candidates:
         """Products of projected columns with each other (m, k, k) and with the residual (m, k), of those alike.
 
         The projected columns themselves are never formed. All blocks were made with one linear model; what the
-        effects that were accepted since take of their products is taken off step by step.
+        effects that were accepted since take of their products is taken off.
         """
         if not self.blocks:
             return []
-        start = self.blocks[0].rank
-        rank, grams = self._nearest(linear.lineage) or (start, [alike.gram for alike in self._alike])
-        if linear.basis.shape[1] == start:
+        if linear.basis.shape[1] == self.blocks[0].rank:
             return [(alike.gram, alike.slope) for alike in self._alike]
-        beyond = Vectors(np.column_stack([linear.basis[:, rank:], linear.residual]))
-        further = rank < linear.basis.shape[1]
-        grams = [gram.copy() for gram in grams] if further else grams
+        size = (linear.plain or linear.basis.shape)[0]
+        before = self._products[0] if self._products else KnownProducts.of(self.blocks, size)
+        known, basis, residual = before.of_model(self.blocks, linear)
+        self._products[:] = [known]
+        along = np.column_stack([basis, residual])
+        grams = [alike.gram.copy() for alike in self._alike]
         slopes = [np.empty_like(alike.slope) for alike in self._alike]
         place = {k: (n, rows) for n, alike in enumerate(self._alike) for k, rows in alike.places.items()}
-        for k, product in enumerate(products(self.blocks, beyond)):
+        for k, own in enumerate(known.products):
             n, rows = place[k]
+            product = (own.reshape(-1, own.shape[2]) @ along.astype(own.dtype)).astype(float)
+            product = product.reshape(*own.shape[:2], -1)
             slopes[n][rows] = product[..., -1]
-            if further:
-                grams[n][rows] -= gram_of(product[..., :-1])
-        if further and linear.lineage is not None:
-            _keep(self._grams, linear.lineage, (linear.basis.shape[1], grams))
+            grams[n][rows] -= gram_of(product[..., :-1])
         return list(zip(grams, slopes, strict=True))
-
-    def _nearest(self, lineage: Lineage | None) -> tuple[int, list[Array]] | None:
-        """Rank and products of the model with most of the effects, in their order, of which they are kept."""
-        for count in range(len(lineage.effects) if lineage else 0, 0, -1):
-            assert lineage is not None
-            if (known := self._grams.get(lineage.first(count))) is not None:
-                return known
-        return None
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, named, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
@@ -19,7 +20,15 @@ from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.conditional_evidence import MOST_ALTERNATIVES_TRIED, conditional_scores
 from identification.diagnosis.search.criteria import base_channels, heldout_rms, log_likelihood_gain
-from identification.diagnosis.search.model import EffectModel, log_evidence, of_groups, replayed, with_step
+from identification.diagnosis.search.model import (
+    EffectModel,
+    at_its_noise,
+    fitted_of_groups,
+    log_evidence,
+    of_groups,
+    replayed,
+    with_step,
+)
 from identification.diagnosis.search.refinement import forms, is_departure, left_over, refined, refinement_of
 from identification.diagnosis.search.scoring import DETECT, FORM, LEAST_EVIDENCE, Step, accepted, choose
 from identification.diagnosis.search.sensor_pairs import best_pair
@@ -30,6 +39,7 @@ from identification.runtime.progress import Progress, silent
 LEAK = 0.06  # share of what is explained already: a smaller effect elsewhere may be a discrepancy of a finding
 NEAR_BEST = 0.7  # of the best evidence: proposals that are tried as refinements before it
 COMPETES, MOST_COMPETING = 0.3, 4  # of the best evidence: refinements of one finding that are tried beside it
+UNMOVED = 0.1  # of what was fitted of a finding: others have hardly to do with it, by judgement
 HARDLY = 1.05  # times the cross-validation error: a superfluous effect gains as much by chance
 MOST_FINDINGS = 12
 MOST_STEPS = 24
@@ -59,8 +69,10 @@ def forward_select(
     for number, step in enumerate(begin):
         log.begin(number)
         log.add("search-from", "added", step.effect)
-        candidates = candidates.joined(Candidates.of(linear, list(forms(linear, step.effect))))
+        if step.parent is None:
+            candidates = candidates.joined(Candidates.of(linear, list(forms(linear, step.effect))))
     seen = {_causes(model)}
+    looked = dict[object, Array]()
     while len(model.steps) < MOST_STEPS and not model.linear.exact:
         log.begin(len(model.steps))
         last = model.steps[-1].effect if model.steps else None
@@ -76,19 +88,17 @@ def forward_select(
         if further is None:
             break
         added = further.steps[len(model.steps) :]
-        model = switched(add_second_sensor(further, candidates, log), log)
+        model = at_its_noise(switched(add_second_sensor(further, candidates, log), log))
         for step in added:
             if step.parent is None:
                 candidates = candidates.joined(Candidates.of(linear, list(forms(linear, step.effect))))
         beside = len(model.findings) > 1 and any(s.parent is None for s in added)
         if beside or any(_otherwise_named(model, s) for s in added if s.parent is not None):
-            looked = reselect(model, candidates, log)
-            if (
-                _causes(looked) == _causes(model) or _causes(looked) not in seen
-            ):  # a model seen before would start a cycle
-                model = looked
+            other = reselect(model, candidates, log, looked)
+            if _causes(other) == _causes(model) or _causes(other) not in seen:  # one seen before would start a cycle
+                model = other
             else:
-                log.add("seen-before", "refused", looked.steps[-1].effect)
+                log.add("seen-before", "refused", other.steps[-1].effect)
             seen.add(_causes(model))
     else:
         log.add("most-steps", "refused", None, len(model.steps), MOST_STEPS)
@@ -308,15 +318,29 @@ def _otherwise_named(model: EffectModel, step: Step) -> bool:
     return not (step.effect.empirical or step.effect.flexible) and step.effect.effect != main.effect
 
 
-def reselect(model: EffectModel, candidates: Candidates, log: DecisionLog = UNRECORDED) -> EffectModel:
+def reselect(
+    model: EffectModel,
+    candidates: Candidates,
+    log: DecisionLog = UNRECORDED,
+    looked: dict[object, Array] | None = None,
+) -> EffectModel:
     """The model with one finding replaced by another effect, or left out, where that model has more evidence.
 
     The refinements of the other findings stay; those of the finding itself stay if the model has more evidence with
     them. What else is still needed of them, the next rounds of selection find.
+
+    Parameters
+    ----------
+    looked : of findings (by key) that were looked at, what was fitted of them then; those that the later ones have
+        hardly changed are not looked at again.
     """
-    groups = model.findings
-    for group in groups:
+    groups, looked = model.findings, {} if looked is None else looked
+    for group, fitted in zip(groups, fitted_of_groups(model), strict=True):
         old, *more = group
+        before = looked.get(old.effect.key)
+        if before is not None and np.linalg.norm(fitted - before) < UNMOVED * np.linalg.norm(before):
+            continue
+        looked[old.effect.key] = fitted
         linear = model.without(group)
         steps = optimise_shapes(linear, candidates, MOST_ALTERNATIVES_TRIED)
         if not steps:
@@ -326,11 +350,11 @@ def reselect(model: EffectModel, candidates: Candidates, log: DecisionLog = UNRE
             continue
         rest = [s for s in more if s.effect.key != best.effect.key]
         others = of_groups(model.start, [g for g in groups if g is not group])
-        looked = max((_with(others, own) for own in ([], [best], [best, *rest])), key=log_evidence)
-        gain = log_evidence(looked) - log_evidence(model)
+        trial = max((_with(others, own) for own in ([], [best], [best, *rest])), key=log_evidence)
+        gain = log_evidence(trial) - log_evidence(model)
         log.add("reselection", "replaced" if gain > 0 else "kept", old.effect, gain, 0.0, beside=best.effect)
         if gain > 0:
-            return looked
+            return trial
     return model
 
 

@@ -7,9 +7,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from errormodel.arrays import Array
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.scoring import Step
+
+MUCH = 2.0  # times the noise that is left: noise by which random effects are not to be shrunk, by judgement
+TINY = 1e-300  # length of a column, to divide by
+ROUNDED = 1e-12  # of a column's length squared
 
 
 @dataclass(frozen=True)
@@ -28,39 +33,69 @@ class EffectModel:
 
     def without(self, group: Sequence[Step]) -> LinearModel:
         """The linear model with all steps but those of a group."""
-        linear = self.start
-        for step in self.steps:
-            if step not in group:
-                linear = linear.with_effect(step.effect)
-        return linear
+        return self.start.with_effects([s.effect for s in self.steps if s not in group])
 
 
 def replayed(start: LinearModel, steps: Sequence[Step]) -> EffectModel:
     """The model with these steps, in their order."""
-    model = EffectModel(start, start)
+    own = list[Step]()
     for step in steps:
-        model = with_step(model, step)
-    return model
+        own += _with_partner(step, len(own))
+    return EffectModel(start, start.with_effects([s.effect for s in own]), tuple(own))
 
 
 def with_step(model: EffectModel, step: Step) -> EffectModel:
     """With one more step, and its second cause where it has one."""
-    alone = replace(step, partner=())
-    out = EffectModel(model.start, model.linear.with_effect(step.effect), (*model.steps, alone))
-    number = len(model.steps) if step.parent is None else step.parent
-    for effect in step.partner:
-        out = with_step(out, Step(effect, 0.0, 0.0, step.absorbed, parent=number))
-    return out
+    more = _with_partner(step, len(model.steps))
+    return EffectModel(model.start, model.linear.with_effects([s.effect for s in more]), (*model.steps, *more))
+
+
+def _with_partner(step: Step, number: int) -> list[Step]:
+    """A step that gets a number, and its second cause as a refinement of it, or of what it refines."""
+    parent = number if step.parent is None else step.parent
+    causes = (Step(effect, 0.0, 0.0, step.absorbed, parent=parent) for effect in step.partner)
+    return [replace(step, partner=()), *causes]
 
 
 def of_groups(start: LinearModel, groups: Sequence[Sequence[Step]]) -> EffectModel:
     """The model with these findings, each with its refinements."""
-    model = EffectModel(start, start)
+    own = list[Step]()
     for main, *more in groups:
-        number = len(model.steps)
+        number = len(own)
         for step in (replace(main, parent=None), *(replace(s, parent=number) for s in more)):
-            model = with_step(model, step)
-    return model
+            own += _with_partner(step, len(own))
+    return EffectModel(start, start.with_effects([s.effect for s in own]), tuple(own))
+
+
+def at_its_noise(model: EffectModel) -> EffectModel:
+    """The model with random effects shrunk by the noise that it leaves, where most of what it was has been explained.
+
+    Each was added while the later ones were part of the noise, and shrunk by that; what it then leaves would look like
+    another effect of its kind.
+    """
+    noise = model.linear.square / model.linear.freedom
+    holds = zip(model.steps, model.linear.holds[len(model.start.holds) :], strict=True)
+    taken = [(hold[0] * model.start.columns(s.effect)[1][0]) ** 2 for s, hold in holds if len(hold)]
+    if max(taken, default=0.0) < MUCH * noise:
+        return model
+    return replayed(model.start.at_noise(noise), model.steps)
+
+
+def fitted_of_groups(model: EffectModel) -> list[Array]:
+    """What is fitted (N + ties,) of each finding with its refinements, beside the geometry and all others."""
+    start = model.start
+    columns = [start.columns(s.effect)[0] for s in model.steps]
+    ends = np.cumsum([0, *map(len, columns)]).tolist()
+    holds = zip(model.linear.holds[len(start.holds) :], columns, strict=True)
+    left = start.project(np.vstack(columns))
+    tied = np.concatenate([hold if len(hold) else np.zeros(len(own)) for hold, own in holds])
+    norms = np.maximum(np.hypot(np.linalg.norm(left, axis=1), tied), TINY)
+    left /= norms[:, None]
+    gram = left @ left.T + np.diag(np.square(tied / norms) + ROUNDED)
+    values = np.linalg.solve(gram, left @ start.residual)
+    parts = [values[own] @ left[own] for own in (slice(*ends[k : k + 2]) for k in range(len(columns)))]
+    number = {id(s): k for k, s in enumerate(model.steps)}
+    return [np.sum([parts[number[id(s)]] for s in group], axis=0) for group in model.findings]
 
 
 def log_evidence(model: EffectModel) -> float:

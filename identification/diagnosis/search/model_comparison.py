@@ -12,13 +12,15 @@ from dataclasses import replace
 from functools import partial
 from itertools import islice
 
+import numpy as np
+
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, named, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.candidates import Candidates, score_of
 from identification.diagnosis.search.conditional_evidence import MOST_ALTERNATIVES_TRIED
 from identification.diagnosis.search.criteria import heldout_rms, one_sensor
-from identification.diagnosis.search.forward_selection import forward_select
+from identification.diagnosis.search.forward_selection import MOST_STEPS, forward_select
 from identification.diagnosis.search.model import EffectModel, log_evidence, replayed
 from identification.diagnosis.search.refinement import OWN, apart, distinct
 from identification.diagnosis.search.scoring import CLEARLY, LEAST_EVIDENCE, NEAR, Step, choose
@@ -39,6 +41,9 @@ def compare_alternatives(
     begin += _second_causes(model, candidates, log)
     if not begin:
         return model
+    # of a model with many steps few searches are begun, the first of all: each takes as long as the search before
+    ends = np.cumsum([len(steps) for steps in begin])
+    begin = [steps for k, steps in enumerate(begin) if not k or ends[k] <= MOST_STEPS]
     logs = [log.branch(k) for k in range(1, len(begin) + 1)]
     best, most = model, log_evidence(model)
     with progress("Comparing alternative models"):
@@ -87,12 +92,12 @@ def empirical_evidence(model: EffectModel) -> float:
 
 
 def _alternatives(model: EffectModel, log: DecisionLog) -> Iterator[tuple[Step, list[Step]]]:
-    """The strong alternatives of each finding, as steps of their own, with the other findings to search from."""
+    """The strong alternatives of each finding, as steps of their own, with the steps of the others to search from."""
     groups = model.findings
     if len(model.steps) < 2:
         return
     for main, *refinements in groups:
-        others = [g[0] for g in groups if g[0] is not main]
+        others = _beside(groups, main)
         linear = model.without([main, *refinements])
         least = main.marginal - max(LEAST_EVIDENCE, NEAR * main.marginal if refinements else 0.0)
         best: dict[str, Step] = {}  # of each name
@@ -118,7 +123,7 @@ def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog)
     for main, *more in groups:
         if sum(s.evidence for s in more) < max(LEAST_EVIDENCE, SLIGHT * main.evidence):
             continue
-        others = [g[0] for g in groups if g[0] is not main]
+        others = _beside(groups, main)
         likely = optimise_shapes(model.without(more), candidates, MOST_ALTERNATIVES_TRIED)
         elsewhere = [s for s in likely if s.effect.where != main.effect.where or distinct(main.effect, s.effect)]
         # refinements that are too large for a discrepancy
@@ -134,6 +139,15 @@ def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog)
             log.add("second-cause", "examined", second.effect, second.evidence, LEAST_EVIDENCE, beside=main.effect)
             first = _named(main, model.start, [*others, second], candidates) if main.effect.empirical else main
             yield [*others, first, second]
+
+
+def _beside(groups: Sequence[Sequence[Step]], main: Step) -> list[Step]:
+    """The steps of all findings but one, with their refinements."""
+    out = list[Step]()
+    for first, *more in (g for g in groups if g[0] is not main):
+        number = len(out)
+        out += [replace(first, parent=None), *(replace(s, parent=number) for s in more)]
+    return out
 
 
 def _another_cause(one: Effect, other: Effect) -> bool:

@@ -122,6 +122,8 @@ def _optimised(candidates: Candidates, scores: Scores, linear: LinearModel, numb
             effect = effect.model_copy(update={name: float(found.x)})
     places = candidates.places[effect.effect]
     step = scored(linear, effect, len(family), trials, places)
+    if effect.random:  # of the likeliest size
+        return step
     if step is None or scores.evidence[number] > step.evidence - step.evidence_of_form + np.log(len(family)) + ROUNDED:
         # where the squares are least a size may be beyond what is usual
         step = scored(linear, candidates.effects[number], len(family), trials, places)

@@ -1,0 +1,116 @@
+"""Products of all proposals with a basis of the directions that were asked for, of which others are combinations.
+
+A search asks for the residual and the basis of model after model, with and without this finding or that. All of these
+are combinations of the few columns that were ever fitted, so that a proposal's products with them are, too: hundreds of
+numbers are combined where there are thousands of observations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from errormodel.arrays import Array, Columns
+from errormodel.effects.base import Effect
+from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.orthonormal_basis import APART, LEFT
+from identification.diagnosis.search.blocks import Block, Vectors, products
+
+BEYOND = 1e-9  # of vectors of unit length: less is left by rounding
+MOST_SHARE = 0.25  # of the observations: with more directions the products themselves are as quick
+
+
+@dataclass(frozen=True, eq=False)
+class KnownProducts:
+    """The directions whose products with some blocks are known.
+
+    Attributes
+    ----------
+    directions : (N, q) orthonormal.
+    products : (m, k, q) of each block's columns with them.
+    effects : of those that were fitted, what the geometry leaves of their columns (k, .) along the directions.
+    """
+
+    directions: Array
+    products: tuple[Columns, ...]
+    effects: Mapping[Effect, Array] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, blocks: Sequence[Block], size: int) -> KnownProducts:
+        """None yet, for vectors with so many observations."""
+        return cls(np.empty((size, 0)), tuple(np.empty((*b.sizes.shape, 0), b.columns.dtype) for b in blocks))
+
+    def of_model(self, blocks: Sequence[Block], linear: LinearModel) -> tuple[KnownProducts, Array, Array]:
+        """The directions of a linear model as well; along them its basis (q, r) beyond the geometry, and its residual.
+
+        The basis is another one of the same span.
+        """
+        rank, (size, _) = blocks[0].rank, linear.plain or linear.basis.shape
+        residual = linear.residual[:size]
+        beyond = linear.basis[:size, rank:]
+        effects = linear.lineage.effects if linear.lineage is not None else ()
+        new = [e for e in effects if e not in self.effects]
+        wanted = [residual[:, None] / max(float(np.linalg.norm(residual)), 1e-300)]
+        left = {e: _without_geometry(linear, e, size, rank) for e in new}
+        wanted += [own.T for own in left.values()] if linear.lineage is not None else [beyond]
+        known = self._with(blocks, np.hstack(wanted))
+        if known.directions.shape[1] > max(MOST_SHARE * size, 2 * linear.basis.shape[1]) and self.effects:
+            return self.of(blocks, size).of_model(blocks, linear)
+        along = {e: own @ known.directions for e, own in left.items()}
+        known = KnownProducts(known.directions, known.products, {**self.effects, **along})
+        basis = known._basis(linear, rank) if linear.lineage is not None else None
+        if basis is None:
+            basis = known.directions.T @ beyond
+        return known, basis, known.directions.T @ residual
+
+    def _with(self, blocks: Sequence[Block], vectors: Array) -> KnownProducts:
+        """With what some vectors (N, r) have beyond the directions."""
+        lengths = np.linalg.norm(vectors, axis=0)
+        left = self._beyond(self._beyond(vectors[:, lengths > 0] / lengths[lengths > 0]))
+        along, sizes, _ = np.linalg.svd(left, full_matrices=False)
+        if not (sizes > BEYOND).any():
+            return self
+        new = np.linalg.qr(self._beyond(along[:, sizes > BEYOND]))[0]  # what was little is to be orthogonal, too
+        made = products(blocks, Vectors(new))
+        both = ((own, more.astype(own.dtype)) for own, more in zip(self.products, made, strict=True))
+        joined = tuple(np.concatenate(pair, axis=2) for pair in both)
+        return KnownProducts(np.hstack([self.directions, new]), joined, self.effects)
+
+    def _beyond(self, vectors: Array) -> Array:
+        return np.asarray(vectors - self.directions @ (self.directions.T @ vectors))
+
+    def _basis(self, linear: LinearModel, rank: int) -> Array | None:
+        """The basis of a model's effects along the directions; None where these are too alike for their products."""
+        from scipy.linalg.blas import dtrsm
+        from scipy.linalg.lapack import dpotrf
+
+        assert linear.lineage is not None
+        count, places = self.directions.shape[1], list[Array]()
+        for own in (self.effects[effect] for effect in linear.lineage.effects):
+            place = np.zeros((len(own), count))
+            place[:, : own.shape[1]] = own
+            places.append(place)
+        columns = np.vstack(places)
+        holds = np.concatenate([h if len(h) else np.zeros(len(p)) for h, p in zip(linear.holds, places, strict=True)])
+        lengths = np.hypot(np.linalg.norm(columns, axis=1), holds)
+        kept = lengths > 0
+        if kept.sum() != linear.basis.shape[1] - rank:
+            return None
+        columns, holds = columns[kept] / lengths[kept, None], holds[kept] / lengths[kept]
+        triangle, failed = dpotrf(columns @ columns.T + np.diag(holds**2), lower=True)
+        if failed or np.diag(triangle).min(initial=1.0) < APART:
+            return None
+        return np.asarray(dtrsm(1.0, triangle, columns.T, side=1, lower=1, trans_a=1))
+
+
+def _without_geometry(linear: LinearModel, effect: Effect, size: int, rank: int) -> Array:
+    """What the geometry leaves of an effect's columns (k, size); nothing of those that it spans."""
+    columns, basis = linear.columns(effect)[0][:, :size], linear.basis[:size, :rank]
+    left = columns
+    for _ in range(2):
+        left = left - (left @ basis) @ basis.T
+    spanned = np.linalg.norm(left, axis=1) <= LEFT * np.linalg.norm(columns, axis=1)
+    left[spanned] = 0.0
+    return left
