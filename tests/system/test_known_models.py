@@ -21,6 +21,8 @@ from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.blocks import Vectors
 from identification.diagnosis.search.candidates import Candidates, score_of
 from identification.diagnosis.search.filtered_models import FromBasis, FromProducts
+from identification.diagnosis.search.model import EffectModel, at_its_noise
+from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import fit_machine
 from identification.estimation.noise import Noise
 
@@ -77,6 +79,45 @@ def test_scores_are_the_same_whatever_was_scored_before(
     np.testing.assert_array_equal(seen, np.isfinite(by_steps.evidence))
     np.testing.assert_allclose(by_steps.evidence[seen], at_once.evidence[seen], rtol=1e-3, atol=0.02)
     assert branch.scores(last).evidence is by_steps.evidence
+
+
+def test_models_of_one_search_have_the_scores_that_they_have_without_it(
+    linear: LinearModel, candidates: Candidates, some: list[Effect]
+) -> None:
+    """Products with all directions that were asked for give the model with the effects in any order and number."""
+    branch = candidates.branch()
+    for own in (some, some[1:], [*some[:2], some[3]], some[::-1]):
+        model = linear.with_effects(own)
+        np.testing.assert_allclose(model.square, beside(replace(linear, lineage=None), own).square, rtol=1e-9)
+        found = branch.scores(model)
+        anew = Candidates.of(linear).scores(replace(model, lineage=None))
+        seen = np.isfinite(anew.evidence)
+        np.testing.assert_array_equal(seen, np.isfinite(found.evidence))
+        np.testing.assert_allclose(found.evidence[seen], anew.evidence[seen], rtol=1e-3, atol=0.02)
+
+
+def test_principal_components_of_random_effects_have_their_covariance(linear: LinearModel, some: list[Effect]) -> None:
+    for effect in (e for e in some if e.random):
+        (whole,), _ = linear.swept([effect])
+        columns, sizes = linear.columns(effect)
+        assert len(columns) == len(sizes) <= len(whole)
+        covariance = whole.T @ whole
+        np.testing.assert_allclose(columns.T @ columns, covariance, atol=1e-7 * np.abs(covariance).max())
+
+
+def test_random_effects_are_shrunk_by_the_noise_that_a_model_leaves(linear: LinearModel, some: list[Effect]) -> None:
+    curve = next(e for e in some if e.random).model_copy(update={"size": 0.01})
+    noise = linear.square / linear.freedom
+    quiet, loud = (linear.at_noise(share * noise).with_effect(curve) for share in (0.01, 1.0))
+    np.testing.assert_allclose(quiet.holds[0], 0.1 * loud.holds[0])
+    assert quiet.square < loud.square
+    steps = [Step(curve, 0.0, 0.0, 0.0)]
+    loud_model = EffectModel(
+        linear.at_noise(100 * noise), linear.at_noise(100 * noise).with_effect(curve), tuple(steps)
+    )
+    again = at_its_noise(loud_model)
+    assert again.linear.square < loud_model.linear.square
+    assert at_its_noise(again) is again
 
 
 def test_one_effect_has_the_score_that_it_has_in_a_list(linear: LinearModel, some: list[Effect]) -> None:
