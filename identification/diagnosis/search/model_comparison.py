@@ -43,10 +43,10 @@ def compare_alternatives(
         return model
     # of a model with many steps few searches are begun, the first of all: each takes as long as the search before
     ends = np.cumsum([len(steps) for steps in begin]).tolist()
-    for steps, end in zip(begin[1:], ends[1:], strict=True):
+    for first, end in zip(begin[1:], ends[1:], strict=True):
         if end > MOST_STEPS:
-            log.add("most-searches", "refused", steps[-1].effect, end, MOST_STEPS)
-    begin = [steps for k, (steps, end) in enumerate(zip(begin, ends, strict=True)) if not k or end <= MOST_STEPS]
+            log.add("most-searches", "refused", first[-1].effect, end, MOST_STEPS)
+    begin = [first for k, (first, end) in enumerate(zip(begin, ends, strict=True)) if not k or end <= MOST_STEPS]
     logs = [log.branch(k) for k in range(1, len(begin) + 1)]
     best, most = model, log_evidence(model)
     with progress("Comparing alternative models"):
