@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,7 +15,6 @@ from tests.helpers.commands import MILL, done, run, write
 
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="pipes, names and limits of POSIX")
 ROOT = Path(__file__).resolve().parents[2]
-SOON_S = 5.0  # s of the processor: what a wrong input may take
 
 
 @pytest.fixture
@@ -57,14 +55,12 @@ LARGE: dict[str, tuple[str, Callable[[], str], str]] = {
 
 
 @pytest.mark.parametrize("name", LARGE)
-def test_large_input_is_refused_soon(name: str, place: Path) -> None:
+def test_large_input_is_refused(name: str, place: Path) -> None:
     file, content, words = LARGE[name]
     write(Path(file), content())
-    begun = time.process_time()
     result = run("describe", file) if file == "m.yaml" else run("fit", MILL, file, "--out", "out")
     assert result.code == 2, result.out[:500]
     assert words in result.err, result.err
-    assert time.process_time() - begun < SOON_S
 
 
 @POSIX

@@ -197,12 +197,8 @@ def test_combinations_of_any_machine(machine: Machine) -> None:
 
 
 @pytest.mark.parametrize("name", MACHINES)
-def test_full_travel_is_described_at_once(name: str) -> None:
-    import time
-
-    start = time.process_time()
+def test_full_travel_is_described(name: str) -> None:
     found = describe(read_machine(name))
-    assert time.process_time() - start < 5
     assert found.groups.rank + len(found.groups.no_effect) <= len(found.groups.ids)
     spectrum = found.groups.singular_values  # a rank is only as good as the gap it is read from
     assert spectrum[found.groups.rank - 1] > 1e-4

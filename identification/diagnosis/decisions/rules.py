@@ -225,6 +225,14 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "reselection": Rule(
             SELECTION, EVIDENCE, "A finding is named again, or left out, where the whole model has more evidence so.",
         ),
+        "unmoved": Rule(
+            SELECTION, SHARE, "What is fitted of a finding has hardly changed since it was last compared with others.",
+            _in(_FORWARD, "UNMOVED"),
+        ),
+        "shrunk-anew": Rule(
+            SELECTION, RATIO, "Curves are shrunk by the noise that is left where most of what it was is explained.",
+            _in("search.model", "MUCH"),
+        ),
         "seen-before": Rule(SELECTION, "", "A renaming that leads back to an earlier model is not made."),
         "superfluous": Rule(
             SELECTION, EVIDENCE, "A finding is taken out that is not clear beside later ones.",
@@ -237,6 +245,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "strong-alternative": Rule(
             COMPARISON, EVIDENCE, "The search is repeated from an alternative whose evidence is no further behind.",
             _in(_COMPARED, "MOST_ALTERNATIVES") + _in(_SCORING, "LEAST_EVIDENCE", "NEAR"),
+        ),
+        "most-searches": Rule(
+            COMPARISON, COUNT, "Searches begin with no more steps in all, but for the first one.",
+            _in(_FORWARD, "MOST_STEPS"),
         ),
         "second-cause": Rule(
             COMPARISON, EVIDENCE,

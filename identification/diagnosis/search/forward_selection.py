@@ -88,7 +88,7 @@ def forward_select(
         if further is None:
             break
         added = further.steps[len(model.steps) :]
-        model = at_its_noise(switched(add_second_sensor(further, candidates, log), log))
+        model = at_its_noise(switched(add_second_sensor(further, candidates, log), log), log)
         for step in added:
             if step.parent is None:
                 candidates = candidates.joined(Candidates.of(linear, list(forms(linear, step.effect))))
@@ -337,9 +337,11 @@ def reselect(
     groups, looked = model.findings, {} if looked is None else looked
     for group, fitted in zip(groups, fitted_of_groups(model), strict=True):
         old, *more = group
-        before = looked.get(old.effect.key)
-        if before is not None and np.linalg.norm(fitted - before) < UNMOVED * np.linalg.norm(before):
-            continue
+        if (before := looked.get(old.effect.key)) is not None:
+            change = ratio(float(np.linalg.norm(fitted - before)), float(np.linalg.norm(before)))
+            if change < UNMOVED:
+                log.add("unmoved", "kept", old.effect, change, UNMOVED)
+                continue
         looked[old.effect.key] = fitted
         linear = model.without(group)
         steps = optimise_shapes(linear, candidates, MOST_ALTERNATIVES_TRIED)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from errormodel.arrays import Array
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.scoring import Step
@@ -67,7 +68,7 @@ def of_groups(start: LinearModel, groups: Sequence[Sequence[Step]]) -> EffectMod
     return EffectModel(start, start.with_effects([s.effect for s in own]), tuple(own))
 
 
-def at_its_noise(model: EffectModel) -> EffectModel:
+def at_its_noise(model: EffectModel, log: DecisionLog = UNRECORDED) -> EffectModel:
     """The model with random effects shrunk by the noise that it leaves, where most of what it was has been explained.
 
     Each was added while the later ones were part of the noise, and shrunk by that; what it then leaves would look like
@@ -76,8 +77,9 @@ def at_its_noise(model: EffectModel) -> EffectModel:
     noise = model.linear.square / model.linear.freedom
     holds = zip(model.steps, model.linear.holds[len(model.start.holds) :], strict=True)
     taken = [(hold[0] * model.start.columns(s.effect)[1][0]) ** 2 for s, hold in holds if len(hold)]
-    if max(taken, default=0.0) < MUCH * noise:
+    if (most := max(taken, default=0.0)) < MUCH * noise:
         return model
+    log.add("shrunk-anew", "found", "curves", ratio(most, noise), MUCH)
     return replayed(model.start.at_noise(noise), model.steps)
 
 

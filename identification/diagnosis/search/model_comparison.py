@@ -42,8 +42,11 @@ def compare_alternatives(
     if not begin:
         return model
     # of a model with many steps few searches are begun, the first of all: each takes as long as the search before
-    ends = np.cumsum([len(steps) for steps in begin])
-    begin = [steps for k, steps in enumerate(begin) if not k or ends[k] <= MOST_STEPS]
+    ends = np.cumsum([len(steps) for steps in begin]).tolist()
+    for first, end in zip(begin[1:], ends[1:], strict=True):
+        if end > MOST_STEPS:
+            log.add("most-searches", "refused", first[-1].effect, end, MOST_STEPS)
+    begin = [first for k, (first, end) in enumerate(zip(begin, ends, strict=True)) if not k or end <= MOST_STEPS]
     logs = [log.branch(k) for k in range(1, len(begin) + 1)]
     best, most = model, log_evidence(model)
     with progress("Comparing alternative models"):
