@@ -86,7 +86,3 @@ class Lineage:
     def further(self, effect: Effect) -> Lineage:
         """That of the model with one more effect."""
         return replace(self, effects=(*self.effects, effect))
-
-    def first(self, count: int) -> Lineage:
-        """That of the model with the first so many of the effects."""
-        return self if count == len(self.effects) else replace(self, effects=self.effects[:count])

@@ -205,7 +205,7 @@ class LinearModel:
         lineage = self.lineage.further(effect)
         known: tuple[Array, Array, Array] | None = lineage.known.further.find(lineage.effects)
         if known is not None:
-            return self._widened(*known, lineage)
+            return self._widened([known], lineage)
         made = replace(self._extended(effect), lineage=lineage, plain=self.plain or self.basis.shape)
         own = made.basis[:, self.basis.shape[1] :].copy(), made.residual, made.holds[-1]
         lineage.known.further.keep(lineage.effects, own, sum(a.nbytes for a in own))
@@ -221,23 +221,24 @@ class LinearModel:
                 break
             known.append(found)
             lineage = further
-        linear = self
-        if known and lineage is not None:
-            size, counts = len(known[-1][0]), [own.shape[1] for own, _, _ in known]
-            columns = np.zeros((size, sum(counts)))
-            for at, (own, _, _) in zip(np.cumsum([0, *counts]).tolist(), known, strict=False):
-                columns[: len(own), at : at + own.shape[1]] = own
-            holds = (*self.holds, *(hold for _, _, hold in known))
-            linear = replace(self._widened(columns, known[-1][1], known[-1][2], lineage), holds=holds)
+        linear = self._widened(known, lineage) if known and lineage is not None else self
         for effect in effects[len(known) :]:
             linear = linear.with_effect(effect)
         return linear
 
-    def _widened(self, columns: Array, residual: Array, hold: Array, lineage: Lineage) -> LinearModel:
-        """The model with further columns (N + ties, k) of the basis, of which the last ties may be new."""
-        plain, holds = self.plain or self.basis.shape, (*self.holds, hold)
+    def _widened(self, known: Sequence[tuple[Array, Array, Array]], lineage: Lineage) -> LinearModel:
+        """The model with further columns (N + ties, k) of the basis, residuals and holds, those of one effect each.
+
+        The last ties of columns may be new.
+        """
+        plain, holds = self.plain or self.basis.shape, (*self.holds, *(hold for _, _, hold in known))
+        columns = np.zeros((len(known[-1][0]), sum(own.shape[1] for own, _, _ in known)))
+        at = 0
+        for own, _, _ in known:
+            columns[: len(own), at : at + own.shape[1]] = own
+            at += own.shape[1]
         basis = self._beside(columns)
-        return replace(self, basis=basis, residual=residual, lineage=lineage, plain=plain, holds=holds)
+        return replace(self, basis=basis, residual=known[-1][1], lineage=lineage, plain=plain, holds=holds)
 
     def branch(self) -> LinearModel:
         """The same for an independent search."""

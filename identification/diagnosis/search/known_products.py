@@ -52,7 +52,7 @@ class KnownProducts:
         beyond = linear.basis[:size, rank:]
         effects = linear.lineage.effects if linear.lineage is not None else ()
         new = [e for e in effects if e not in self.effects]
-        wanted = [residual[:, None] / max(float(np.linalg.norm(residual)), 1e-300)]
+        wanted = [residual[:, None]]
         left = {e: _without_geometry(linear, e, size, rank) for e in new}
         wanted += [own.T for own in left.values()] if linear.lineage is not None else [beyond]
         known = self._with(blocks, np.hstack(wanted))
@@ -66,7 +66,7 @@ class KnownProducts:
         return known, basis, known.directions.T @ residual
 
     def _with(self, blocks: Sequence[Block], vectors: Array) -> KnownProducts:
-        """With what some vectors (N, r) have beyond the directions."""
+        """With what some vectors (N, r) of any length have beyond the directions."""
         lengths = np.linalg.norm(vectors, axis=0)
         left = self._beyond(self._beyond(vectors[:, lengths > 0] / lengths[lengths > 0]))
         along, sizes, _ = np.linalg.svd(left, full_matrices=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,10 +11,10 @@ from errormodel.arrays import Array
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
+from identification.diagnosis.search.blocks import NOTHING
 from identification.diagnosis.search.scoring import Step
 
 MUCH = 2.0  # times the noise that is left: noise by which random effects are not to be shrunk, by judgement
-TINY = 1e-300  # length of a column, to divide by
 ROUNDED = 1e-12  # of a column's length squared
 
 
@@ -60,12 +60,17 @@ def _with_partner(step: Step, number: int) -> list[Step]:
 
 def of_groups(start: LinearModel, groups: Sequence[Sequence[Step]]) -> EffectModel:
     """The model with these findings, each with its refinements."""
+    return replayed(start, steps_of(groups))
+
+
+def steps_of(groups: Iterable[Sequence[Step]]) -> list[Step]:
+    """The steps of findings with their refinements, numbered anew."""
     own = list[Step]()
     for main, *more in groups:
         number = len(own)
         for step in (replace(main, parent=None), *(replace(s, parent=number) for s in more)):
             own += _with_partner(step, len(own))
-    return EffectModel(start, start.with_effects([s.effect for s in own]), tuple(own))
+    return own
 
 
 def at_its_noise(model: EffectModel, log: DecisionLog = UNRECORDED) -> EffectModel:
@@ -87,17 +92,16 @@ def fitted_of_groups(model: EffectModel) -> list[Array]:
     """What is fitted (N + ties,) of each finding with its refinements, beside the geometry and all others."""
     start = model.start
     columns = [start.columns(s.effect)[0] for s in model.steps]
-    ends = np.cumsum([0, *map(len, columns)]).tolist()
     holds = zip(model.linear.holds[len(start.holds) :], columns, strict=True)
     left = start.project(np.vstack(columns))
     tied = np.concatenate([hold if len(hold) else np.zeros(len(own)) for hold, own in holds])
-    norms = np.maximum(np.hypot(np.linalg.norm(left, axis=1), tied), TINY)
+    norms = np.sqrt(np.maximum(np.sum(left**2, axis=1) + tied**2, NOTHING))
     left /= norms[:, None]
     gram = left @ left.T + np.diag(np.square(tied / norms) + ROUNDED)
     values = np.linalg.solve(gram, left @ start.residual)
-    parts = [values[own] @ left[own] for own in (slice(*ends[k : k + 2]) for k in range(len(columns)))]
-    number = {id(s): k for k, s in enumerate(model.steps)}
-    return [np.sum([parts[number[id(s)]] for s in group], axis=0) for group in model.findings]
+    mains = [k if s.parent is None else s.parent for k, s in enumerate(model.steps)]
+    owner = np.repeat(mains, [len(own) for own in columns])
+    return [values[owner == main] @ left[owner == main] for main in dict.fromkeys(mains)]
 
 
 def log_evidence(model: EffectModel) -> float:

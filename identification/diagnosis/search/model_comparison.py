@@ -21,7 +21,7 @@ from identification.diagnosis.search.candidates import Candidates, score_of
 from identification.diagnosis.search.conditional_evidence import MOST_ALTERNATIVES_TRIED
 from identification.diagnosis.search.criteria import heldout_rms, one_sensor
 from identification.diagnosis.search.forward_selection import MOST_STEPS, forward_select
-from identification.diagnosis.search.model import EffectModel, log_evidence, replayed
+from identification.diagnosis.search.model import EffectModel, log_evidence, replayed, steps_of
 from identification.diagnosis.search.refinement import OWN, apart, distinct
 from identification.diagnosis.search.scoring import CLEARLY, LEAST_EVIDENCE, NEAR, Step, choose
 from identification.diagnosis.search.shape_fit import optimise_shapes
@@ -100,7 +100,7 @@ def _alternatives(model: EffectModel, log: DecisionLog) -> Iterator[tuple[Step, 
     if len(model.steps) < 2:
         return
     for main, *refinements in groups:
-        others = _beside(groups, main)
+        others = steps_of(g for g in groups if g[0] is not main)
         linear = model.without([main, *refinements])
         least = main.marginal - max(LEAST_EVIDENCE, NEAR * main.marginal if refinements else 0.0)
         best: dict[str, Step] = {}  # of each name
@@ -126,7 +126,7 @@ def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog)
     for main, *more in groups:
         if sum(s.evidence for s in more) < max(LEAST_EVIDENCE, SLIGHT * main.evidence):
             continue
-        others = _beside(groups, main)
+        others = steps_of(g for g in groups if g[0] is not main)
         likely = optimise_shapes(model.without(more), candidates, MOST_ALTERNATIVES_TRIED)
         elsewhere = [s for s in likely if s.effect.where != main.effect.where or distinct(main.effect, s.effect)]
         # refinements that are too large for a discrepancy
@@ -142,15 +142,6 @@ def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog)
             log.add("second-cause", "examined", second.effect, second.evidence, LEAST_EVIDENCE, beside=main.effect)
             first = _named(main, model.start, [*others, second], candidates) if main.effect.empirical else main
             yield [*others, first, second]
-
-
-def _beside(groups: Sequence[Sequence[Step]], main: Step) -> list[Step]:
-    """The steps of all findings but one, with their refinements."""
-    out = list[Step]()
-    for first, *more in (g for g in groups if g[0] is not main):
-        number = len(out)
-        out += [replace(first, parent=None), *(replace(s, parent=number) for s in more)]
-    return out
 
 
 def _another_cause(one: Effect, other: Effect) -> bool:
