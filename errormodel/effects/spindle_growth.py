@@ -6,9 +6,10 @@ Displacement in mm along the tool, per K.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import product
 from typing import ClassVar
 
-from errormodel.conventions import TOOL, Motion
+from errormodel.conventions import TOOL, TRANSLATIONS, Motion
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Lag, lags, outward, outward_words, thermal, warmth
@@ -61,6 +62,6 @@ class SpindleGrowth(Effect):
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         last = scene.machine.elements[-1]
         element = last.name if isinstance(last, Shape) and not any(last.rotation) else TOOL
-        for sensor in scene.sensors:
-            for tau in lags(scene):
-                yield cls(sensor=sensor, element=element, tau=tau)
+        sideways = [m for m in TRANSLATIONS if m not in outward(scene.machine)]  # a head grows on one side of its guide
+        for sensor, motion, tau in product(scene.sensors, (None, *sideways), lags(scene)):
+            yield cls(sensor=sensor, element=element, motion=motion, tau=tau)

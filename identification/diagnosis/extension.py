@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from errormodel.arrays import Array
 from errormodel.effects.base import Effect
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
@@ -13,6 +14,7 @@ from identification.diagnosis.decisions.log import DecisionLog, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.of_fit import LEAST_RUN, MOST_ROWS, set_up, unused_runs
 from identification.diagnosis.linear.row_residuals import spread
+from identification.diagnosis.results.combined_waves import Wave, largest_wave
 from identification.diagnosis.results.findings import Untestable
 from identification.diagnosis.results.model_discrepancy import with_form
 from identification.diagnosis.results.physical_limits import times_usual
@@ -36,7 +38,7 @@ class Explanation:
     """Effects that explain a fit's residuals, the fit with them, witness results, and what is untestable.
 
     `before` is the fit without, its rows weighed as in the `final` one. `ranking` is that before all; `first` the
-    number of the first effect that was found, among the final machine's.
+    number of the first effect that was found, among the final machine's. `wave` runs along two joints, and is left.
     """
 
     before: Fit
@@ -46,6 +48,7 @@ class Explanation:
     untestable: list[Untestable]
     ranking: list[Ranked]
     first: int
+    wave: Wave | None = None
 
 
 def explained(
@@ -71,11 +74,13 @@ def explained(
     if (known := likelier_sides(survey, linear, log=log)) is not None:
         return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible)
     scores = candidates.scores(linear).alone()
-    selected = forward_select(linear, candidates, progress, log=log)
-    chosen = compare_alternatives(selected, candidates, progress, log)
+    looked = dict[object, Array]()
+    selected = forward_select(linear, candidates, progress, log=log, looked=looked)
+    chosen = compare_alternatives(selected, candidates, progress, log, looked)
     if (known := likelier_sides(survey, linear, [s.effect for s in chosen.steps], log)) is not None:
         log.again()
         return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible)
+    chosen, wave = _with_wave(chosen, candidates, progress, log, looked)
     del candidates, selected  # hundreds of megabytes that the fit of all rows needs
     model, witnessed = apply_witnesses(in_correlated_noise(chosen, log), log)
     first = len(fit.chain.machine.effects) + len(changes)
@@ -89,7 +94,20 @@ def explained(
             again = explained(fit, survey, changes, progress, log, without)
             return replace(again, untestable=_untestable(scores, again.model, log), ranking=scores.ranking())
     untestable = [] if impossible else _untestable(scores, model, log)
-    return Explanation(fit, model, final, witnessed, untestable, scores.ranking(), first)
+    return Explanation(fit, model, final, witnessed, untestable, scores.ranking(), first, wave)
+
+
+def _with_wave(
+    model: EffectModel, candidates: Candidates, progress: Progress, log: DecisionLog, looked: dict[object, Array]
+) -> tuple[EffectModel, Wave | None]:
+    """The model with the wave along two joints that it leaves, if it leaves one and this predicts; else that wave."""
+    wave = largest_wave(model.linear, log)
+    if wave is None:
+        return model, None
+    more = candidates.joined(Candidates.of(model.start, list(wave.proposals(model.start))))
+    further = forward_select(model.start, more, progress, model.steps, log, looked)
+    taken = any(set(wave.joints) == set(s.effect.drivers) and s.effect.empirical for s in further.steps)
+    return (further, None) if taken else (model, wave)
 
 
 def _untestable(scores: Scores, model: EffectModel, log: DecisionLog) -> list[Untestable]:

@@ -167,7 +167,8 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     fits = [*before, mended]
     findings = [_blunder_finding(b, *fits[k : k + 2]) for k, b in enumerate(blunders)]
     with progress("Testing what is left"):
-        dependence = dependence_of(model.linear, 1e3 * noise_mm(found.before), log, 3 if final.fitted.n else 1)
+        components = 3 if final.fitted.n else 1
+        dependence = dependence_of(model.linear, 1e3 * noise_mm(found.before), log, components, found.wave)
     causes = []
     functions = recorded(model.start, np.unique(model.start.index)) if model.findings else []
     for g in model.findings:

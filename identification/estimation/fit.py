@@ -28,6 +28,7 @@ from identification.estimation.outliers import sort_rows
 from identification.estimation.readings import Readings, reading_residuals
 from identification.estimation.result import Fit, Spread, TestFile, residuals_of
 from identification.estimation.robust import first_judgement, settle
+from identification.estimation.scaled_equations import determined_step
 from identification.estimation.weights import Judgement
 from identification.observation.assembly import Problem, build, determined_columns, frame_columns, frame_labels
 from identification.observation.frames import rotation_notes
@@ -231,9 +232,9 @@ def held_out(
         own_gram, own_slope = total(own, solution.sigma)
         less, slope = gram - own_gram[pick], -own_slope[base]
         # directions that the other blocks do not determine keep the fitted values
-        step = np.linalg.pinv(less * np.outer(scale, scale), rcond=1e-13, hermitian=True) @ (scale * slope)
+        step = determined_step(less, slope, scale)
         values = solution.values.copy()
-        values[base] += SMALL_STEP * scale * step
+        values[base] += SMALL_STEP * step
         views = [replace(v, index=v.index - block[0]) for v in views]
         out[block] += (residuals(views, place, values, zero, len(block)) - out[block]) / SMALL_STEP
     return out, len(blocks)

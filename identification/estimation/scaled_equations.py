@@ -6,6 +6,8 @@ import numpy as np
 
 from errormodel.arrays import Array
 
+DETERMINED = 1e-13  # eigenvalues of scaled normal equations below this share of the largest are rounding errors
+
 
 def scaled_solve(gram: Array, slope: Array) -> Array:
     """Solution of normal equations, scaled to unit diagonal."""
@@ -19,6 +21,23 @@ def scaled_solve(gram: Array, slope: Array) -> Array:
         return np.asarray(d * cho_solve(cho_factor(unit), d * slope))
     except np.linalg.LinAlgError:  # singular to round-off: minimum-norm step
         return np.asarray(d * (np.linalg.pinv(unit, rcond=1e-12, hermitian=True) @ (d * slope)))
+
+
+def determined_step(gram: Array, slope: Array, scale: Array) -> Array:
+    """Step that normal equations determine, minimal along directions that they do not; columns times `scale` are alike.
+
+    A Cholesky factor where its condition number shows that all are determined, else the eigenvectors.
+    """
+    from scipy.linalg import cho_solve
+    from scipy.linalg.lapack import dpocon, dpotrf
+
+    if not len(slope):
+        return np.zeros(0)
+    unit = gram * np.outer(scale, scale)
+    factor, failed = dpotrf(unit)
+    if not failed and dpocon(factor, np.abs(unit).sum(axis=0).max(initial=0.0))[0] > DETERMINED:
+        return np.asarray(scale * cho_solve((factor, False), scale * slope))
+    return np.asarray(scale * (np.linalg.pinv(unit, rcond=DETERMINED, hermitian=True) @ (scale * slope)))
 
 
 def scaled_inverse(gram: Array) -> Array:

@@ -21,6 +21,7 @@ DEPENDENCE_TOLERANCE = 1e-7
 # A column below this share of its norm at full travel and the longest lever names a group only where no other can,
 # however preferred it is. Over the travels of the library's machines this changes no name; by judgement.
 SEEN = 0.005
+AT_ONCE = 32  # columns that are made orthogonal in one product: of these times the rank is its work beside
 
 
 @dataclass(frozen=True)
@@ -155,16 +156,26 @@ def _first_independent(unit: Array, strength: Array, rank: int) -> list[int]:
     chosen: list[int] = []
     clearly = 1e-3
     while len(chosen) < rank:
-        for j in (*np.flatnonzero(strength >= SEEN), *np.flatnonzero((strength < SEEN) & (strength >= clearly))):
-            basis = q[:, : len(chosen)]
-            rest = seen[:, j] - basis @ (basis.T @ seen[:, j])
-            rest -= basis @ (basis.T @ rest)  # orthogonalise twice: once is inaccurate near dependence
-            size = float(np.linalg.norm(rest))
-            if j not in chosen and size > clearly * strength[j] and len(chosen) < rank:
-                q[:, len(chosen)] = rest / size
-                chosen.append(int(j))
+        order = [*np.flatnonzero(strength >= SEEN), *np.flatnonzero((strength < SEEN) & (strength >= clearly))]
+        left = np.setdiff1d(order, chosen, assume_unique=True).tolist()  # keeps the order
+        for first in range(0, len(left), AT_ONCE):  # of many columns at once a product is as quick as of one
+            own, start = left[first : first + AT_ONCE], len(chosen)
+            beyond = _beyond(seen[:, own], q[:, :start])
+            for j, column in zip(own, beyond.T, strict=True):
+                rest = _beyond(column, q[:, start : len(chosen)])
+                size = float(np.linalg.norm(rest))
+                if size > clearly * strength[j] and len(chosen) < rank:
+                    q[:, len(chosen)] = rest / size
+                    chosen.append(j)
         clearly /= 10  # too few columns passed: lower the threshold
     return sorted(chosen)
+
+
+def _beyond(columns: Array, basis: Array) -> Array:
+    """What columns have beyond an orthonormal basis; taken off twice, since once is inaccurate near dependence."""
+    for _ in range(2):
+        columns = columns - basis @ (basis.T @ columns)
+    return columns
 
 
 def _tidy(values: Array) -> Array:

@@ -30,6 +30,7 @@ from identification.estimation.fit import HELDOUT_BLOCK_ROWS, fit_machine, fit_n
 from identification.estimation.least_squares import Solution
 from identification.estimation.noise import correlated
 from identification.estimation.result import Fit, Spread, Streamed, residuals_of
+from identification.estimation.scaled_equations import determined_step
 from identification.observation.assembly import Problem, determined_columns, frame_columns
 from identification.observation.frames import rotation_notes
 from identification.observation.models import PositionView
@@ -316,9 +317,7 @@ class _Streaming:
                 continue
             own = totals.folds[fold].moved(every, step)
             less, slope = gram - own.gram[pick] / level**2, -own.slope[base] / level**2
-            back = scale * (
-                np.linalg.pinv(less * np.outer(scale, scale), rcond=1e-13, hermitian=True) @ (scale * slope)
-            )
+            back = determined_step(less, slope, scale)
             steps[fold, base] = back
             plain = own if KIND not in solution.declared else totals.plain[fold].moved(every, step)
             squares.append(plain.moved(base, back).square)

@@ -58,16 +58,18 @@ def gain_of(fit: Fit) -> Gain:
         design_rows(somewhere, fit.problem.place(), FURTHER_POSE_CANDIDATES)[:, s.groups.base] / s.sigma["position"]
     )
     design = (design * np.sqrt(np.diag(s.covariance))).reshape(3, FURTHER_POSE_CANDIDATES, -1).transpose(1, 0, 2)
-    C, chosen = _unit(s.covariance), []
+    variance, chosen = np.ones(s.groups.rank), []
+    seen = design @ _unit(s.covariance)
     for _ in range(FURTHER_POSES):
-        seen = design @ C
         noise = np.linalg.inv(seen @ design.transpose(0, 2, 1) + np.eye(3))
         gained = np.einsum("nap,nab,nbp->n", seen, noise, seen)
         k = int(gained.argmax())
         chosen.append(k)
-        C = C - seen[k].T @ noise[k] @ seen[k]
+        less = noise[k] @ seen[k]
+        variance -= np.einsum("ap,ap->p", seen[k], less)
+        seen = seen - (design @ seen[k].T) @ less
     poses = _commands(fit, [c[chosen] for c in somewhere.rows])
-    return Gain(like, std * np.sqrt(np.maximum(np.diag(C), 0.0)), poses)  # what poses all alike leave rounds below 0
+    return Gain(like, std * np.sqrt(np.maximum(variance, 0.0)), poses)  # what poses all alike leave rounds below 0
 
 
 def leverages(fit: Fit) -> Array:

@@ -18,7 +18,7 @@ from identification.diagnosis.results.findings import probability_of
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.conditional_evidence import conditional_scores
 from identification.diagnosis.search.forward_selection import forward_select, reselect
-from identification.diagnosis.search.model import log_evidence, replayed
+from identification.diagnosis.search.model import log_posterior, replayed
 from identification.diagnosis.search.model_comparison import compare_alternatives, empirical_evidence
 from identification.diagnosis.search.refinement import refined
 from identification.diagnosis.search.scoring import Step
@@ -34,7 +34,7 @@ def test_a_story_gains_by_what_is_there_and_loses_by_what_is_not() -> None:
     linear = set_up(fit_machine(machine, showing(survey, machine, [(truth, [0.005])], 0.003)))
 
     def told(*specs: EffectSpec) -> float:
-        return log_evidence(replayed(linear, [Step(make(s), 0.0, 0.0, 0.0, trials=1000) for s in specs]))
+        return log_posterior(replayed(linear, [Step(make(s), 0.0, 0.0, 0.0, names=1000) for s in specs]))
 
     play = EffectSpec("backlash", {"joint": "X"})
     assert told() == 0

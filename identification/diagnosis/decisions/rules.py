@@ -366,6 +366,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             VERDICT, "p-value", "A motion that wanders in time more than correlated noise does is unexplained.",
             _in("results.pure_error", "LEAST_P_VALUE"),
         ),
+        "wave-of-two-joints": Rule(
+            VERDICT, "p-value", "What is left is unexplained if it repeats with two joints' positions together.",
+            _in("results.pure_error", "LEAST_P_VALUE"),
+        ),
         "dependence-of-residuals": Rule(
             VERDICT, "p-value", "What is left is unexplained if one or two recorded channels predict it.",
             _in("results.pure_error", "LEAST_P_VALUE") + _in("results.residual_dependence", "LEAST_SHARE"),

@@ -24,9 +24,11 @@ from errormodel.conventions import FRAME, MOTIONS
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
+from identification.diagnosis.results.combined_waves import Wave
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.pure_error import LEAST_P_VALUE
 from identification.diagnosis.results.recorded_functions import CLOCK, Functions, only, recorded
+from identification.diagnosis.results.resampling import clipped, gumbel, left, shifted, signed
 from identification.diagnosis.search.criteria import heldout_rms
 from identification.estimation.noise import Noise, likeliest, series_edges
 
@@ -34,10 +36,7 @@ FEWEST_ROWS, MOST_ROWS = 40, 800  # rows below which nothing is tested, and abov
 AT_ONCE = 1000  # functions whose statistics are kept at a time
 RESAMPLES = 199  # of each kind; the tail beyond is extrapolated
 FIRST_RESAMPLES, FIRST_P_VALUE = 39, 0.05  # a quick look, which ends nearly all tests of noise
-ENDS = 0.04  # of the rows: circular shifts by less leave the residual where it was
-SIGN_BLOCK_ROWS = 4  # rows that share a random sign
 LEAST_SHARE = 0.01  # of the held-out variance: what predicts less changes no prediction
-CLIP = 3.0  # robust standard deviations: no single row decides
 
 
 @dataclass(frozen=True)
@@ -52,6 +51,7 @@ class Dependence:
         out.
     size_um : root mean square of what it predicts of them, um; of what wanders in time, of what it explains.
     element, motion : what moves as it, where that shows most; else "".
+    periods, units : of a wave along joints, "mm" or "deg" of each; else none.
     """
 
     channels: tuple[str, ...]
@@ -60,14 +60,18 @@ class Dependence:
     size_um: float
     element: str = ""
     motion: str = ""
+    periods: tuple[float, ...] = ()
+    units: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
         """The dependence in words."""
         on = " and ".join(_words(c) for c in self.channels)
         moves = f", most of it {self.motion} of {self.element}," if self.motion else ""
+        every = [f"{p:.3g} {u} of {c}" for p, u, c in zip(self.periods, self.units, self.channels, strict=False)]
+        depends = f"repeats every {' and every '.join(every)}" if every else f"depends on {on}"
         return (
-            f"what is left{moves} depends on {on} (p = {self.p_value:.0e}), in a form that no effect with a name has; "
+            f"what is left{moves} {depends} (p = {self.p_value:.0e}), in a form that no effect with a name has; "
             f"along {self.axis} this explains {self.size_um:.1f} um rms. Measure again with {on} at many values, in "
             "random order"
         )
@@ -97,7 +101,11 @@ def _words(channel: str) -> str:
 
 
 def dependence_of(
-    linear: LinearModel, sigma_um: float, log: DecisionLog = UNRECORDED, components: int = 3
+    linear: LinearModel,
+    sigma_um: float,
+    log: DecisionLog = UNRECORDED,
+    components: int = 3,
+    wave: Wave | None = None,
 ) -> Dependence | None:
     """What the residual of a linear model depends on; None where it is independent of all channels.
 
@@ -106,6 +114,7 @@ def dependence_of(
     linear : geometry and all findings fitted.
     sigma_um : standard deviation of one whitened observation, um.
     components : observations of a row: three coordinates, or one reading.
+    wave : along joints, that is left in the residual.
     """
     index = linear.index
     rows = np.unique(index)
@@ -134,14 +143,23 @@ def dependence_of(
     log.add(
         "dependence-of-residuals", "found" if seen else "passed", "residuals", p_value, LEAST_P_VALUE, beside=beside
     )
-    if not seen and (found := _wandering(linear, parts, log)) is not None:
-        (p_value, part), seen = found, True
-    if not seen:
+    if not seen and (wanders := _wandering(linear, parts, log)) is not None:
+        (p_value, part), seen = wanders, True
+    if not seen and wave is not None:
+        part = Functions(
+            wave.joints, (wave.functions(linear.scene.columns, rows),), np.searchsorted(rows, linear.index)
+        )
+    elif seen:
+        wave = None
+    else:
         return None
     axis, share = _predicted(linear, part)
     if not share:
         return None
     size = sigma_um * float(np.sqrt(components * share))
+    if wave is not None:
+        units = wave.units(linear.scene.moving)
+        return Dependence(wave.joints, wave.p_value, axis, size, periods=wave.in_units(units), units=units)
     return Dependence(part.channels, p_value, axis, size, part.element, part.motion)
 
 
@@ -152,11 +170,10 @@ def _wandering(linear: LinearModel, parts: Sequence[Functions], log: DecisionLog
     motion is not. One over its Bayes factor, times how many were tried, bounds its p-value.
     """
     quick = [part for part in parts if part.motion and part.channels == (CLOCK,)]
-    scale = float(np.median(np.abs(linear.residual))) / 0.6745
-    if scale <= 0:
+    own = clipped(linear.residual, linear.basis)
+    if own is None:
         return None
-    clipped = np.clip(linear.residual / scale, -CLIP, CLIP)
-    linear = linear.of_residual(clipped - linear.basis @ (linear.basis.T @ clipped))
+    linear = linear.of_residual(own)
     _, _, best = best_of(linear, quick)
     if best is None:
         return None
@@ -173,33 +190,24 @@ def _filtered(noise: Noise, edges: Index, functions: Array) -> Array:
 
 def _tested(residual: Array, basis: Array, index: Index, parts: Sequence[Functions], count: int) -> tuple[float, int]:
     """The p-value of independence by `count` resamples of each kind, and the number of the most dependent part."""
-    scale = float(np.median(np.abs(residual))) / 0.6745
-    if scale <= 0:
-        return 1.0, 0
     q = orthonormal_basis(basis)
-    clipped = np.clip(residual / scale, -CLIP, CLIP)
-    clipped -= q @ (q.T @ clipped)
+    own = clipped(residual, q)
+    if own is None:
+        return 1.0, 0
     series = [slice(a, b) for a, b in pairwise(series_edges(index))]
-    square = float(clipped @ clipped)
-    p_value, best = _largest(parts, clipped, _left(_shifted(clipped, series, count), q, square), series)
+    p_value, best = _largest(parts, own, left(shifted(own, series, count), q, float(own @ own)), series)
     if p_value >= FIRST_P_VALUE:
         return p_value, best  # the larger one counts
     # without what it predicts, the residual's size along the rows is that of the noise: signs of it are the null
-    noise, used = clipped.copy(), 0
+    noise, used = own.copy(), 0
     functions = parts[best].values
     for s in _series_of(parts[best], series):
         fitted = orthonormal_basis(functions[s])
         noise[s] -= fitted @ (fitted.T @ noise[s])
         used += fitted.shape[1]
     square = float(noise @ noise) * len(noise) / max(len(noise) - used, 1)
-    by_signs, _ = _largest(parts, clipped, _left(_signed(noise, series, count), q, square), series)
+    by_signs, _ = _largest(parts, own, left(signed(noise, series, count), q, square), series)
     return max(p_value, by_signs), best
-
-
-def _left(resamples: Array, q: Array, square: float) -> Array:
-    """Resamples (N, r) as the fit would leave them, each with the given sum of squares."""
-    left = resamples - q @ (q.T @ resamples)
-    return np.asarray(left * np.sqrt(square) / np.linalg.norm(left, axis=0))
 
 
 def _largest(parts: Sequence[Functions], residual: Array, resamples: Array, series: list[slice]) -> tuple[float, int]:
@@ -222,7 +230,7 @@ def _largest(parts: Sequence[Functions], residual: Array, resamples: Array, seri
         mean, spread = null.mean(axis=1, keepdims=True), null.std(axis=1, ddof=1, keepdims=True)
         scores[first : first + AT_ONCE] = (normal[:, 0] - mean[:, 0]) / spread[:, 0]
         largest = np.maximum(largest, ((null - mean) / spread).max(axis=0))
-    return _gumbel(float(scores.max()), largest), int(scores.argmax())
+    return gumbel(float(scores.max()), largest), int(scores.argmax())
 
 
 def _series_of(part: Functions, series: list[slice]) -> list[slice]:
@@ -233,35 +241,6 @@ def _series_of(part: Functions, series: list[slice]) -> list[slice]:
 def _energy(functions: Array, whole: Array, series: list[slice]) -> Array:
     """Squared projections of residuals (N, r) on functions (N, k), each series (component) by itself, summed: (r,)."""
     return np.asarray(sum(np.square(functions[s].T @ whole[s]).sum(axis=0) for s in series))
-
-
-def _shifted(residual: Array, series: list[slice], number: int) -> Array:
-    """Circular shifts (N, r) of all series by the same share of their length."""
-    longest = max(s.stop - s.start for s in series)
-    steps = np.unique(np.linspace(ENDS * longest, (1 - ENDS) * longest, number).astype(int))
-    out = np.empty((len(residual), len(steps)))
-    for s in series:
-        count = s.stop - s.start
-        rows = (np.arange(count)[:, None] - np.round(steps * count / longest).astype(int)) % count
-        out[s] = residual[s][rows]
-    return out
-
-
-def _signed(residual: Array, series: list[slice], number: int) -> Array:
-    """The residual (N, r) with random signs of blocks of rows, the same for all series."""
-    blocks = max(max(s.stop - s.start for s in series) // SIGN_BLOCK_ROWS, 10)
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(blocks, number))
-    out = np.empty((len(residual), number))
-    for s in series:
-        count = s.stop - s.start
-        out[s] = residual[s, None] * signs[np.arange(count) * blocks // count]
-    return out
-
-
-def _gumbel(value: float, null: Array) -> float:
-    """Probability of at least `value` by the Gumbel law that has mean and variance of the `null` values."""
-    scale = float(null.std(ddof=1)) * np.sqrt(6) / np.pi
-    return float(-np.expm1(-np.exp(-(value - float(null.mean())) / scale - np.euler_gamma)))
 
 
 def _predicted(linear: LinearModel, part: Functions) -> tuple[str, float]:

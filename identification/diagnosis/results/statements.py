@@ -151,12 +151,16 @@ def period_of(effect: Effect, machine: Machine) -> float | None:
 def shape(effect: Effect, machine: Machine) -> str:
     """Period, place, width and the like, in words; empty where an effect has none."""
     joint, words = driving(effect, machine), []
+    joints = {j.name: j for j in machine.joints}
     if period_of(effect, machine) and (period := getattr(effect, "period", None)):
         turning = joint is not None and joint.type == "rotary"
         turns = f" ({2 * math.pi / period:.4g} a turn)" if turning else ""
         size = duration(period) if effect.drivers[0] == "time" else position(joint, period)
-        words.append(f"with a period of {size}{turns}")
-    joints = {j.name: j for j in machine.joints}
+        if (second := getattr(effect, "by_period", None)) is not None:
+            one, other = effect.drivers
+            words.append(f"with periods of {size} of {one} and {position(joints.get(other), second)} of {other}")
+        else:
+            words.append(f"with a period of {size}{turns}")
     for driver, name in zip(effect.drivers, ("edge", "by_edge"), strict=False):
         if (edge := getattr(effect, name, None)) is not None:
             words.append(f"switching where {driver} passes {position(joints.get(driver), edge)}")

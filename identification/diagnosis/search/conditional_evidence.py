@@ -22,7 +22,7 @@ def conditional_scores(model: EffectModel, candidates: Candidates, log: Decision
         linear = model.without([main, *more])
         steps = optimise_shapes(linear, candidates, MOST_ALTERNATIVES_TRIED)
         shapes = len(candidates.of_key.get(main.effect.key, [0]))
-        own = scored(linear, main.effect, shapes, main.trials, main.places) or main
+        own = scored(linear, main.effect, shapes, main.trials, main.names, main.places) or main
         marginal = max([own.evidence, *(s.evidence for s in steps if s.effect.key == main.effect.key)])
         # refinements of the same name (a second sensor) add to its evidence; of an unnamed finding, all do
         evidence, beside = own.evidence, linear

@@ -24,7 +24,7 @@ from identification.diagnosis.search.model import (
     EffectModel,
     at_its_noise,
     fitted_of_groups,
-    log_evidence,
+    log_posterior,
     of_groups,
     replayed,
     with_step,
@@ -57,6 +57,8 @@ def forward_select(
     progress: Progress = silent,
     begin: Sequence[Step] = (),
     log: DecisionLog = UNRECORDED,
+    looked: dict[object, Array] | None = None,
+    least: float | None = None,
 ) -> EffectModel:
     """The model after forward selection: effects are added while evidence and cross-validation support them.
 
@@ -64,6 +66,8 @@ def forward_select(
     ----------
     begin : steps that the selection starts with.
     log : takes down what is decided.
+    looked : of findings (by key) that were compared with others, what was fitted of them then (`reselect`).
+    least : log evidence up to which nobody asks for that of each finding beside the others.
     """
     model = replayed(linear, begin)
     for number, step in enumerate(begin):
@@ -72,7 +76,7 @@ def forward_select(
         if step.parent is None:
             candidates = candidates.joined(Candidates.of(linear, list(forms(linear, step.effect))))
     seen = {_causes(model)}
-    looked = dict[object, Array]()
+    looked = {} if looked is None else looked
     while len(model.steps) < MOST_STEPS and not model.linear.exact:
         log.begin(len(model.steps))
         last = model.steps[-1].effect if model.steps else None
@@ -102,7 +106,9 @@ def forward_select(
             seen.add(_causes(model))
     else:
         log.add("most-steps", "refused", None, len(model.steps), MOST_STEPS)
-    return conditional_scores(backward_eliminate(model, log), candidates, log)
+    model = backward_eliminate(model, log)
+    asked = least is None or log_posterior(model) > least
+    return conditional_scores(model, candidates, log) if asked else model
 
 
 def _others(groups: Sequence[Sequence[Step]], group: Sequence[Step]) -> str:
@@ -352,8 +358,8 @@ def reselect(
             continue
         rest = [s for s in more if s.effect.key != best.effect.key]
         others = of_groups(model.start, [g for g in groups if g is not group])
-        trial = max((_with(others, own) for own in ([], [best], [best, *rest])), key=log_evidence)
-        gain = log_evidence(trial) - log_evidence(model)
+        trial = max((_with(others, own) for own in ([], [best], [best, *rest])), key=log_posterior)
+        gain = log_posterior(trial) - log_posterior(model)
         log.add("reselection", "replaced" if gain > 0 else "kept", old.effect, gain, 0.0, beside=best.effect)
         if gain > 0:
             return trial

@@ -54,7 +54,8 @@ def with_step(model: EffectModel, step: Step) -> EffectModel:
 def _with_partner(step: Step, number: int) -> list[Step]:
     """A step that gets a number, and its second cause as a refinement of it, or of what it refines."""
     parent = number if step.parent is None else step.parent
-    causes = (Step(effect, 0.0, 0.0, step.absorbed, parent=parent) for effect in step.partner)
+    nothing = replace(step, evidence=0.0, delta_chi2=0.0, evidence_of_form=0.0, delta_chi2_of_form=0.0, alternatives=())
+    causes = (replace(nothing, effect=effect, parent=parent, partner=()) for effect in step.partner)
     return [replace(step, partner=()), *causes]
 
 
@@ -104,8 +105,8 @@ def fitted_of_groups(model: EffectModel) -> list[Array]:
     return [values[owner == main] @ left[owner == main] for main in dict.fromkeys(mains)]
 
 
-def log_evidence(model: EffectModel) -> float:
-    """Log evidence of all effects of a model together, under correlated noise, less the trials factor of each."""
+def log_posterior(model: EffectModel) -> float:
+    """Log evidence of all effects of a model together, under correlated noise, with the log prior of each."""
     effects = [s.effect for s in model.steps]
     linear, total = model.start, 0.0
     for curve in (e for e in effects if e.random):
@@ -115,5 +116,4 @@ def log_evidence(model: EffectModel) -> float:
     if rest := sorted((e for e in effects if not e.random), key=lambda e: e.empirical):
         [(_, evidence)] = coloured.evidence(linear, [rest])
         total += evidence
-    trials = max((s.trials for s in model.steps), default=1)
-    return total - len(model.steps) * float(np.log(max(trials, 1)))
+    return total + sum(s.log_prior for s in model.steps)

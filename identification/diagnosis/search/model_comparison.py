@@ -7,13 +7,14 @@ second cause where much of a finding was taken for its discrepancy. The model wi
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import islice
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, named, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
@@ -21,7 +22,7 @@ from identification.diagnosis.search.candidates import Candidates, score_of
 from identification.diagnosis.search.conditional_evidence import MOST_ALTERNATIVES_TRIED
 from identification.diagnosis.search.criteria import heldout_rms, one_sensor
 from identification.diagnosis.search.forward_selection import MOST_STEPS, forward_select
-from identification.diagnosis.search.model import EffectModel, log_evidence, replayed, steps_of
+from identification.diagnosis.search.model import EffectModel, log_posterior, replayed, steps_of
 from identification.diagnosis.search.refinement import OWN, apart, distinct
 from identification.diagnosis.search.scoring import CLEARLY, LEAST_EVIDENCE, NEAR, Step, choose
 from identification.diagnosis.search.shape_fit import optimise_shapes
@@ -34,9 +35,18 @@ NO_WORSE = 1.02  # times the cross-validation error: smaller differences are cha
 
 
 def compare_alternatives(
-    model: EffectModel, candidates: Candidates, progress: Progress = silent, log: DecisionLog = UNRECORDED
+    model: EffectModel,
+    candidates: Candidates,
+    progress: Progress = silent,
+    log: DecisionLog = UNRECORDED,
+    looked: Mapping[object, Array] | None = None,
 ) -> EffectModel:
-    """The model with the most evidence among the given one and searches from its alternatives and second causes."""
+    """The model with the most evidence among the given one and searches from its alternatives and second causes.
+
+    Parameters
+    ----------
+    looked : of findings that the first search compared with others, what was fitted of them then (`reselect`).
+    """
     begin = [[*others, alternative] for alternative, others in _alternatives(model, log)]
     begin += _second_causes(model, candidates, log)
     if not begin:
@@ -48,19 +58,25 @@ def compare_alternatives(
             log.add("most-searches", "refused", first[-1].effect, end, MOST_STEPS)
     begin = [first for k, (first, end) in enumerate(zip(begin, ends, strict=True)) if not k or end <= MOST_STEPS]
     logs = [log.branch(k) for k in range(1, len(begin) + 1)]
-    best, most = model, log_evidence(model)
+    best = model
+    most = log_posterior(model)
+    lowest = most - CLEARLY
     with progress("Comparing alternative models"):
         found = parallel_map(
-            [partial(_searched_from, model.start, candidates, *own) for own in zip(begin, logs, strict=True)]
+            [
+                partial(_searched_from, model.start, candidates, dict(looked or {}), lowest, *own)
+                for own in zip(begin, logs, strict=True)
+            ]
         )
     for own in logs:
         log.join(own)
     chosen = log.search
     for own, steps in zip(logs, found, strict=True):
         other = replayed(model.start, steps)
-        value = log_evidence(other)
+        value = log_posterior(other)
         # near-ties go to the model that rests half as much on empirical terms
         least = most + (CLEARLY if 2 * empirical_evidence(other) + CLEARLY > empirical_evidence(best) else -CLEARLY)
+        least = max(least, lowest)
         better, what = value > least, f"search {own.search}: {_effects(other)}"
         word: Outcome = "accepted" if better else "refused"
         log.add("model-evidence", word, what, value - most, least - most, beside=_effects(best))
@@ -80,8 +96,16 @@ def _effects(model: EffectModel) -> str:
     return " ".join(named(main.effect) for main, *_ in model.findings)
 
 
-def _searched_from(start: LinearModel, candidates: Candidates, begin: list[Step], log: DecisionLog) -> tuple[Step, ...]:
-    return forward_select(start.branch(), candidates.branch(), begin=begin, log=log).steps
+def _searched_from(
+    start: LinearModel,
+    candidates: Candidates,
+    looked: dict[object, Array],
+    lowest: float,
+    begin: list[Step],
+    log: DecisionLog,
+) -> tuple[Step, ...]:
+    """The steps of a search that begins with some; scored beside each other where its log evidence is not too low."""
+    return forward_select(start.branch(), candidates.branch(), silent, begin, log, looked, lowest).steps
 
 
 def empirical_evidence(model: EffectModel) -> float:

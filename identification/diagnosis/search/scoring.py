@@ -38,8 +38,8 @@ class Step:
     partner : a second cause of the same motion that was accepted with it.
     parent : number of the step that this one refines, or None: a finding of its own.
     trials : number of candidates that were compared; its logarithm is the trials factor.
-    places : number of those that are this effect, at other places or by other drivers: all effects are equally likely
-        beforehand, and of one effect all its places.
+    names, places : number of effects among these, and of those that are this effect, at other places or by other
+        drivers: all effects are equally likely beforehand, and of one effect all its places.
     marginal : largest evidence of the effect's shapes without refinements, given all other findings.
     """
 
@@ -54,8 +54,14 @@ class Step:
     partner: tuple[Effect, ...] = ()
     parent: int | None = None
     trials: int = 0
+    names: int = 1
     places: int = 1
     marginal: float = 0.0
+
+    @property
+    def log_prior(self) -> float:
+        """Of this effect at this place."""
+        return -math.log(self.names * self.places)
 
 
 def choose(linear: LinearModel, steps: Sequence[Step], log: DecisionLog = UNRECORDED) -> Step:
@@ -101,7 +107,7 @@ def _names(linear: LinearModel, ranked: Sequence[Step], log: DecisionLog) -> lis
     able = [s for s in ranked if posterior(s) > behind]
     log.set_aside("near-tie", ranked, able, posterior, behind, ranked[0].effect)
     in_noise = zip(able, evidence_in_any_noise(linear, able), strict=True)
-    left = {id(s): e - math.log(s.places) for s, e in in_noise}
+    left = {id(s): e + s.log_prior for s, e in in_noise}
     near = [s for s in able if left[id(s)] > max(left.values()) - reach]
     log.set_aside("near-tie", able, near, lambda s: left[id(s)], max(left.values()) - reach, ranked[0].effect)
     least = posterior(near[0]) - CLEARLY
@@ -113,8 +119,8 @@ def _names(linear: LinearModel, ranked: Sequence[Step], log: DecisionLog) -> lis
 
 
 def posterior(step: Step) -> float:
-    """Log posterior odds of an effect at its place, but for what all effects have in common."""
-    return step.evidence - math.log(step.places)
+    """Log posterior odds of an effect at its place."""
+    return step.evidence + step.log_prior
 
 
 def evidence_in_any_noise(linear: LinearModel, steps: Sequence[Step]) -> list[float]:

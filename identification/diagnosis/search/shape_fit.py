@@ -120,24 +120,24 @@ def _optimised(candidates: Candidates, scores: Scores, linear: LinearModel, numb
         found = minimize_scalar(left, bounds=(below, above), method="bounded", options={"maxiter": 20})
         if found.fun < left(value):
             effect = effect.model_copy(update={name: float(found.x)})
-    places = candidates.places[effect.effect]
-    step = scored(linear, effect, len(family), trials, places)
+    counts = trials, len(candidates.places), candidates.places[effect.effect]
+    step = scored(linear, effect, len(family), *counts)
     if effect.random:  # of the likeliest size
         return step
     if step is None or scores.evidence[number] > step.evidence - step.evidence_of_form + np.log(len(family)) + ROUNDED:
         # where the squares are least a size may be beyond what is usual
-        step = scored(linear, candidates.effects[number], len(family), trials, places)
+        step = scored(linear, candidates.effects[number], len(family), *counts)
     return step
 
 
-def scored(linear: LinearModel, effect: Effect, shapes: int, trials: int, places: int) -> Step | None:
+def scored(linear: LinearModel, effect: Effect, shapes: int, trials: int, names: int, places: int) -> Step | None:
     """An effect scored as a step, given the linear model; None where it moves nothing.
 
     Parameters
     ----------
     shapes : how many of its shapes were tried: divides its Bayes factor.
     trials : keys (effects at places) searched: the trials factor.
-    places : how many of them are this effect.
+    names, places : of how many effects they are, and how many of them are this one.
     """
     own = score_of(linear, effect)
     if own is None:
@@ -153,5 +153,6 @@ def scored(linear: LinearModel, effect: Effect, shapes: int, trials: int, places
         delta_chi2_of_form=delta_of_form,
         evidence_of_form=of_form,
         trials=trials,
+        names=names,
         places=places,
     )

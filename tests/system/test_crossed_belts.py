@@ -1,0 +1,29 @@
+"""A pulley that two joints turn together: it is found without a name, with both periods, and predicted."""
+
+from __future__ import annotations
+
+import math
+
+from errormodel.machine import EffectSpec
+from errormodel.machine_file import read_machine
+from identification.diagnosis.pipeline import diagnose
+from tests.helpers.diagnosed import empty_survey, showing
+
+PERIOD = 47.0  # mm
+
+
+def test_crossed_belts_are_predicted() -> None:
+    """``cos(X - Y) = cos X cos Y + sin X sin Y``: two of the four terms of a wave in both."""
+    machine = read_machine("bridge_cmm")
+    x, y = (j.name for j in machine.joints[:2])
+    fields = {"element": x, "motion": "dx", "driver": x, "by": y, "period": PERIOD, "by_period": PERIOD}
+    spec = EffectSpec("unnamed", fields)
+    survey = empty_survey(machine, 400, 8, channels=False, grid=False)
+    found = diagnose(machine, showing(survey, machine, [(spec, [0.004, 0.0, 0.0, 0.004])], 0.005)).diagnosis
+    (finding,) = found.findings
+    assert finding.effect == "unnamed"
+    assert set(finding.driver) == {x, y}
+    assert math.isclose(finding.period or 0.0, PERIOD, rel_tol=0.01)
+    assert f"of {x} and" in finding.statement
+    assert finding.heldout_rms_um.after < finding.heldout_rms_um.before
+    assert found.verdict == "explained"
