@@ -302,7 +302,7 @@ def add_second_sensor(model: EffectModel, candidates: Candidates, log: DecisionL
             log.add("second-sensor", "refused", found[1], found[2], LEAST_EVIDENCE, beside=group[0].effect)
         return model
     one, other, evidence = found
-    pair = [replace(group[0], effect=one), Step(other, evidence, 0.0, group[0].absorbed)]
+    pair = [replace(group[0], effect=one), group[0].of_another(other, evidence)]
     trial = refit_time_constants(of_groups(model.start, [*others, pair]))
     better = heldout_rms(trial.linear) < heldout_rms(model.linear)
     log.add("second-sensor", "merged" if better else "refused", other, evidence, LEAST_EVIDENCE, beside=group[0].effect)

@@ -54,9 +54,7 @@ def with_step(model: EffectModel, step: Step) -> EffectModel:
 def _with_partner(step: Step, number: int) -> list[Step]:
     """A step that gets a number, and its second cause as a refinement of it, or of what it refines."""
     parent = number if step.parent is None else step.parent
-    nothing = replace(step, evidence=0.0, delta_chi2=0.0, evidence_of_form=0.0, delta_chi2_of_form=0.0, alternatives=())
-    causes = (replace(nothing, effect=effect, parent=parent, partner=()) for effect in step.partner)
-    return [replace(step, partner=()), *causes]
+    return [replace(step, partner=()), *(step.of_another(effect, parent=parent) for effect in step.partner)]
 
 
 def of_groups(start: LinearModel, groups: Sequence[Sequence[Step]]) -> EffectModel:

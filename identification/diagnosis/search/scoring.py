@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -62,6 +62,11 @@ class Step:
     def log_prior(self) -> float:
         """Of this effect at this place."""
         return -math.log(self.names * self.places)
+
+    def of_another(self, effect: Effect, evidence: float = 0.0, parent: int | None = None) -> Step:
+        """A step of an effect that was as likely beforehand, and has its evidence only."""
+        own = Step(effect, evidence, 0.0, self.absorbed, parent=parent)
+        return replace(own, trials=self.trials, names=self.names, places=self.places)
 
 
 def choose(linear: LinearModel, steps: Sequence[Step], log: DecisionLog = UNRECORDED) -> Step:
