@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
 from errormodel.machine import EffectSpec, Machine
@@ -18,10 +20,11 @@ from identification.diagnosis.results.combined_waves import Wave, largest_wave
 from identification.diagnosis.results.findings import Untestable
 from identification.diagnosis.results.model_discrepancy import with_form
 from identification.diagnosis.results.physical_limits import times_usual
+from identification.diagnosis.results.residual_dependence import predicted
 from identification.diagnosis.results.untestable import unseen
 from identification.diagnosis.results.witnesses import WitnessResult, apply_witnesses
 from identification.diagnosis.search.candidates import WIDEST, Candidates, Ranked, Scores
-from identification.diagnosis.search.conditional_evidence import in_correlated_noise
+from identification.diagnosis.search.conditional_evidence import conditional_scores, in_correlated_noise
 from identification.diagnosis.search.criteria import base_channels
 from identification.diagnosis.search.forward_selection import forward_select
 from identification.diagnosis.search.instrument_noise import tracker_noise
@@ -100,14 +103,15 @@ def explained(
 def _with_wave(
     model: EffectModel, candidates: Candidates, progress: Progress, log: DecisionLog, looked: dict[object, Array]
 ) -> tuple[EffectModel, Wave | None]:
-    """The model with the wave along two joints that it leaves, if it leaves one and this predicts; else that wave."""
+    """The model with a wave along two joints that it had left, where this is found to move a joint; else that wave."""
     wave = largest_wave(model.linear, log)
-    if wave is None:
+    if wave is None or not predicted(model.linear, wave.functions(model.linear))[1]:
         return model, None
-    more = candidates.joined(Candidates.of(model.start, list(wave.proposals(model.start))))
-    further = forward_select(model.start, more, progress, model.steps, log, looked)
-    taken = any(set(wave.joints) == set(s.effect.drivers) and s.effect.empirical for s in further.steps)
-    return (further, None) if taken else (model, wave)
+    waves = Candidates.of(model.start, list(wave.proposals(model.start)))
+    further = forward_select(model.start, waves, progress, model.steps, log, looked, np.inf)
+    if not any(s.effect.key in waves.of_key for s in further.steps):
+        return model, wave
+    return conditional_scores(further, candidates.joined(waves), log), None
 
 
 def _untestable(scores: Scores, model: EffectModel, log: DecisionLog) -> list[Untestable]:

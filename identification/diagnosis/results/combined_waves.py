@@ -9,13 +9,13 @@ component; where the largest of all exceeds that, it is compared with the larges
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise, product
 
 import numpy as np
 
-from errormodel.arrays import Array, Index
+from errormodel.arrays import Array, Index, Mask
 from errormodel.effects.base import Effect
 from errormodel.effects.search_space.equivalent_places import places
 from errormodel.effects.unnamed import Unnamed
@@ -24,6 +24,7 @@ from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.results.pure_error import LEAST_P_VALUE
+from identification.diagnosis.results.recorded_functions import Functions
 from identification.diagnosis.results.resampling import clipped, gumbel, left, shifted, signed
 from identification.estimation.noise import series_edges
 
@@ -45,11 +46,13 @@ class Wave:
     ranges: tuple[float, ...]
     p_value: float
 
-    def functions(self, columns: Mapping[str, Array], rows: Index) -> Array:
-        """Cosine and sine (n, 2) in some rows of a survey, by the joints' positions."""
+    def functions(self, linear: LinearModel) -> Functions:
+        """Cosine and sine at the observations of a linear model, by the joints' positions."""
+        rows, index = np.unique(linear.index, return_inverse=True)
         parts = zip(self.joints, self.numbers, self.ranges, strict=True)
-        phase = sum((2 * np.pi * n / width * columns[j][rows] for j, n, width in parts), np.zeros(len(rows)))
-        return np.column_stack([np.cos(phase), np.sin(phase)])
+        positions = linear.scene.columns
+        phase = sum((2 * np.pi * n / width * positions[j][rows] for j, n, width in parts), np.zeros(len(rows)))
+        return Functions(self.joints, (np.column_stack([np.cos(phase), np.sin(phase)]),), index)
 
     @property
     def periods(self) -> tuple[float, ...]:
@@ -115,18 +118,18 @@ def largest_wave(linear: LinearModel, log: DecisionLog = UNRECORDED) -> Wave | N
     numbers = STEP * int(k), STEP * (int(n) - (found[best].shape[1] - 1) // 2)
     along = [(j, number, float(np.ptp(able[j]))) for j, number in zip(pair, numbers, strict=True) if number]
     joints, counts, ranges = zip(*along, strict=True)
-    return _between(Wave(joints, counts, ranges, p_value), linear, linear.index[keep], residual)
+    return _between(Wave(joints, counts, ranges, p_value), linear, keep, residual)
 
 
-def _between(wave: Wave, linear: LinearModel, index: Index, residual: Array) -> Wave:
-    """The wave with its numbers moved off the grid to where it explains most."""
+def _between(wave: Wave, linear: LinearModel, keep: Mask, residual: Array) -> Wave:
+    """The wave with its numbers moved off the grid to where it explains most, over the observations that are kept."""
     from scipy.optimize import minimize
 
-    rows, place = np.unique(index, return_inverse=True)
+    index = linear.index[keep]
     series = [slice(a, b) for a, b in pairwise(series_edges(index))]
 
     def explained(numbers: Array) -> float:
-        functions = replace(wave, numbers=tuple(numbers)).functions(linear.scene.columns, rows)[place]
+        functions = replace(wave, numbers=tuple(numbers)).functions(linear).values[keep]
         return -float(sum(np.square(functions[s].T @ residual[s]).sum() / (s.stop - s.start) for s in series))
 
     found = minimize(explained, wave.numbers, method="Nelder-Mead", options={"initial_simplex": _simplex(wave.numbers)})

@@ -146,14 +146,12 @@ def dependence_of(
     if not seen and (wanders := _wandering(linear, parts, log)) is not None:
         (p_value, part), seen = wanders, True
     if not seen and wave is not None:
-        part = Functions(
-            wave.joints, (wave.functions(linear.scene.columns, rows),), np.searchsorted(rows, linear.index)
-        )
+        part = wave.functions(linear)
     elif seen:
         wave = None
     else:
         return None
-    axis, share = _predicted(linear, part)
+    axis, share = predicted(linear, part)
     if not share:
         return None
     size = sigma_um * float(np.sqrt(components * share))
@@ -243,7 +241,7 @@ def _energy(functions: Array, whole: Array, series: list[slice]) -> Array:
     return np.asarray(sum(np.square(functions[s].T @ whole[s]).sum(axis=0) for s in series))
 
 
-def _predicted(linear: LinearModel, part: Functions) -> tuple[str, float]:
+def predicted(linear: LinearModel, part: Functions) -> tuple[str, float]:
     """Axis of the reference along which functions predict left-out blocks best, and the variance so predicted.
 
     Those of a motion act as this moves the point: the axis is that along which it moves most. What wanders in time
