@@ -16,21 +16,24 @@ from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from errormodel.arrays import Array, Index, Mask
+from errormodel.arrays import Array, Mask
 from errormodel.effects.base import Effect
-from identification.diagnosis.linear.known_models import Lineage
+from identification.diagnosis.linear.known_models import Latest, Lineage
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.random_effects import scores_of
+from identification.diagnosis.search.alike_blocks import AlikeBlocks
 from identification.diagnosis.search.blocks import (
     NOTHING,
     Block,
     Kind,
     Made,
+    Vectors,
     blocks_of,
     columns_of,
     gram_of,
+    products,
 )
-from identification.diagnosis.search.known_products import KnownProducts
+from identification.diagnosis.search.known_products import KnownProducts, begun_with, keep_begun
 from identification.diagnosis.search.proposals import proposed
 from identification.runtime.parallel import parallel_map
 
@@ -61,6 +64,7 @@ class Candidates:
     parts: tuple[Candidates, ...] = ()
     _known: OrderedDict[Lineage, Scored] = field(default_factory=OrderedDict, repr=False)
     _products: list[KnownProducts] = field(default_factory=list, repr=False)  # the one that was last used
+    _begun: Latest = field(default_factory=Latest, repr=False)
 
     @classmethod
     def of(cls, linear: LinearModel, effects: Sequence[Effect] | None = None) -> Candidates:
@@ -124,7 +128,8 @@ class Candidates:
     def branch(self) -> Candidates:
         """A copy for an independent search, so that the order of searches does not change how scores are rounded."""
         parts = tuple(part.branch() for part in self.parts)
-        return Candidates(self.effects, self.blocks, self.keys, parts, self._known.copy(), self._products.copy())
+        known = self._known.copy(), self._products.copy(), self._begun.copy()
+        return Candidates(self.effects, self.blocks, self.keys, parts, *known)
 
     def scores(self, linear: LinearModel) -> Scores:
         """Scores of each proposal, given the effects that the linear model holds."""
@@ -157,12 +162,12 @@ class Candidates:
         return np.array([e.cost for e in self.effects])
 
     @cached_property
-    def _alike(self) -> list[_Alike]:
+    def _alike(self) -> list[AlikeBlocks]:
         """The blocks of proposals with as many parameters, together."""
         lists: dict[tuple[bool, int], list[int]] = {}
         for k, block in enumerate(self.blocks):
             lists.setdefault((self.effects[block.numbers[0]].random, block.sizes.shape[1]), []).append(k)
-        return [_Alike.of(self.effects, self.blocks, random, own) for (random, _), own in lists.items()]
+        return [AlikeBlocks.of(self.effects, self.blocks, random, own) for (random, _), own in lists.items()]
 
     def _left(self, linear: LinearModel) -> list[tuple[Array, Array]]:
         """Products of projected columns with each other (m, k, k) and with the residual (m, k), of those alike.
@@ -174,50 +179,34 @@ class Candidates:
             return []
         if linear.basis.shape[1] == self.blocks[0].rank:
             return [(alike.gram, alike.slope) for alike in self._alike]
-        size = (linear.plain or linear.basis.shape)[0]
+        known, begun = begun_with(self._begun, linear.lineage) or ([alike.gram for alike in self._alike], 0)
+        grams = [gram.copy() for gram in known]
+        slopes = [np.empty_like(alike.slope) for alike in self._alike]
+        place = {k: (n, rows) for n, alike in enumerate(self._alike) for k, rows in alike.places.items()}
+        for k, product in enumerate(self._along(linear, begun)):
+            n, rows = place[k]
+            slopes[n][rows] = product[..., -1]
+            grams[n][rows] -= gram_of(product[..., :-1])
+        keep_begun(self._begun, linear.lineage, grams, linear.basis.shape[1] - self.blocks[0].rank)
+        return list(zip(grams, slopes, strict=True))
+
+    def _along(self, linear: LinearModel, begun: int) -> Iterator[Array]:
+        """Products (m, k, r + 1) of each block's columns with the basis from some column on, and with the residual.
+
+        Columns are counted from the end of the geometry.
+        """
+        (size, _), rank = linear.plain or linear.basis.shape, self.blocks[0].rank
+        if sum(block.sizes.size for block in self.blocks) < linear.basis.shape[1]:  # few: nothing is worth keeping
+            both = np.column_stack([linear.basis[:size, rank + begun :], linear.residual[:size]])
+            yield from (own.astype(float) for own in products(self.blocks, Vectors(both)))
+            return
         before = self._products[0] if self._products else KnownProducts.of(self.blocks, size)
         known, basis, residual = before.of_model(self.blocks, linear)
         self._products[:] = [known]
-        along = np.column_stack([basis, residual])
-        grams = [alike.gram.copy() for alike in self._alike]
-        slopes = [np.empty_like(alike.slope) for alike in self._alike]
-        place = {k: (n, rows) for n, alike in enumerate(self._alike) for k, rows in alike.places.items()}
-        for k, own in enumerate(known.products):
-            n, rows = place[k]
-            product = (own.reshape(-1, own.shape[2]) @ along.astype(own.dtype)).astype(float)
-            product = product.reshape(*own.shape[:2], -1)
-            slopes[n][rows] = product[..., -1]
-            grams[n][rows] -= gram_of(product[..., :-1])
-        return list(zip(grams, slopes, strict=True))
-
-
-@dataclass(frozen=True)
-class _Alike:
-    """Proposals with the same number of parameters, all of them random effects or none.
-
-    Attributes
-    ----------
-    numbers, gram, slope, square : of all blocks (`Block`), one after the other; `places`: where each of them is.
-    """
-
-    random: bool
-    numbers: Index
-    empirical: Mask
-    gram: Array
-    slope: Array
-    square: Array
-    places: dict[int, slice]
-
-    @classmethod
-    def of(cls, effects: Sequence[Effect], blocks: Sequence[Block], random: bool, some: Sequence[int]) -> _Alike:
-        """Of some blocks."""
-        own = [blocks[k] for k in some]
-        ends = np.cumsum([0, *(len(b.numbers) for b in own)]).tolist()
-        numbers, gram, slope, square = (
-            np.concatenate([getattr(b, name) for b in own]) for name in ("numbers", "gram", "slope", "square")
-        )
-        places = {k: slice(*ends[n : n + 2]) for n, k in enumerate(some)}
-        return cls(random, numbers, np.array([effects[n].empirical for n in numbers]), gram, slope, square, places)
+        along = np.column_stack([basis[:, begun:], residual])
+        for own in known.products:
+            product = own.reshape(-1, own.shape[2]) @ along.astype(own.dtype)
+            yield product.reshape(*own.shape[:2], -1).astype(float)
 
 
 def _keep(kept: OrderedDict[Lineage, T], lineage: Lineage, value: T) -> None:

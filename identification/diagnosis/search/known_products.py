@@ -14,6 +14,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Columns
 from errormodel.effects.base import Effect
+from identification.diagnosis.linear.known_models import Latest, Lineage
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.orthonormal_basis import APART, LEFT
 from identification.diagnosis.search.blocks import Block, Vectors, products
@@ -103,6 +104,25 @@ class KnownProducts:
         if failed or np.diag(triangle).min(initial=1.0) < APART:
             return None
         return np.asarray(dtrsm(1.0, triangle, columns.T, side=1, lower=1, trans_a=1))
+
+
+def begun_with(kept: Latest, lineage: Lineage | None) -> tuple[list[Array], int] | None:
+    """What is kept of the longest model whose effects this one begins with: products, and a number of columns.
+
+    Products of projected columns with each other; columns of that model's basis beyond the geometry.
+    """
+    for count in range(len(lineage.effects) if lineage is not None else 0, 0, -1):
+        assert lineage is not None
+        found: tuple[list[Array], int] | None = kept.find((lineage.effects[:count], lineage.noise))
+        if found is not None:
+            return found
+    return None
+
+
+def keep_begun(kept: Latest, lineage: Lineage | None, grams: list[Array], columns: int) -> None:
+    """Keep these for models that begin with the same effects: only what later ones take is to be computed then."""
+    if lineage is not None:
+        kept.keep((lineage.effects, lineage.noise), (grams, columns), sum(g.nbytes for g in grams))
 
 
 def _without_geometry(linear: LinearModel, effect: Effect, size: int, rank: int) -> Array:

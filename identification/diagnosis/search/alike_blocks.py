@@ -1,0 +1,41 @@
+"""Blocks of proposals that have as many parameters, scored as one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array, Index, Mask
+from errormodel.effects.base import Effect
+from identification.diagnosis.search.blocks import Block
+
+
+@dataclass(frozen=True)
+class AlikeBlocks:
+    """Proposals with the same number of parameters, all of them random effects or none.
+
+    Attributes
+    ----------
+    numbers, gram, slope, square : of all blocks (`Block`), one after the other; `places`: where each of them is.
+    """
+
+    random: bool
+    numbers: Index
+    empirical: Mask
+    gram: Array
+    slope: Array
+    square: Array
+    places: dict[int, slice]
+
+    @classmethod
+    def of(cls, effects: Sequence[Effect], blocks: Sequence[Block], random: bool, some: Sequence[int]) -> AlikeBlocks:
+        """Of some blocks."""
+        own = [blocks[k] for k in some]
+        ends = np.cumsum([0, *(len(b.numbers) for b in own)]).tolist()
+        numbers, gram, slope, square = (
+            np.concatenate([getattr(b, name) for b in own]) for name in ("numbers", "gram", "slope", "square")
+        )
+        places = {k: slice(*ends[n : n + 2]) for n, k in enumerate(some)}
+        return cls(random, numbers, np.array([effects[n].empirical for n in numbers]), gram, slope, square, places)
