@@ -129,7 +129,7 @@ def observed(
     factor, square = np.zeros((0, len(unknowns))), np.zeros(len(unknowns))
     for view in views:
         level = chain.size if view.turns else 1.0  # angles in mm at the machine's size
-        most = max(RANK_SAMPLE_ROWS, 4 * len(unknowns))
+        most = max(RANK_SAMPLE_ROWS, 4 * len(unknowns) // len(view.outputs))
         parts = (
             [view.part(slice(k, k + most)) for k in range(0, len(view), most)] if thorough else [sampled(view, most)]
         )

@@ -131,7 +131,10 @@ def find_groups(
     rank = min(int((singular > least).sum()), int((sizes > floors.direction).sum()))
     chosen = _first_independent(unit, strength, rank)
     # a_dependent = A_base K, column by column
-    mix, *_ = np.linalg.lstsq(unit[:, chosen], unit, rcond=None)
+    mix = np.zeros((rank, len(order)))
+    mix[np.arange(rank), chosen] = 1.0
+    others = np.setdiff1d(np.arange(len(order)), chosen)
+    mix[:, others] = _combined(unit[:, chosen], unit[:, others])
     mix[np.abs(mix) < 1e-7] = 0.0
     mix[np.abs(mix) * strength < floors.direction] = 0.0  # coefficients below the noise
     coefficients = np.zeros((rank, len(ids)))
@@ -169,6 +172,14 @@ def _first_independent(unit: Array, strength: Array, rank: int) -> list[int]:
                     chosen.append(j)
         clearly /= 10  # too few columns passed: lower the threshold
     return sorted(chosen)
+
+
+def _combined(base: Array, columns: Array) -> Array:
+    """Coefficients (rank, n) with which independent columns give others (m, n), by least squares."""
+    from scipy.linalg import solve_triangular
+
+    q, triangle = np.linalg.qr(base)
+    return np.asarray(solve_triangular(triangle, q.T @ columns))
 
 
 def _beyond(columns: Array, basis: Array) -> Array:

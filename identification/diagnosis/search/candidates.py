@@ -41,6 +41,7 @@ AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
 T = TypeVar("T")
 Scored = tuple[Array, Array, Array, Array]  # evidence, delta chi2, absorbed part and expected delta chi2 of proposals
 MANY, PARTS = 1000, 4  # proposals beyond which columns are made in parallel, in so many parts
+BEGUN_BYTES = 30_000_000  # of products of projected columns that other models begin with; by judgement
 KEPT = 16  # linear models whose scores are kept; by judgement: a search returns to about as many
 SIZES = {0.1: 0.1, 0.3: 0.2, 1.0: 0.4, 3.0: 0.2, 10.0: 0.1}  # times the usual one: how often
 WIDEST = 3 * max(SIZES)  # times the usual one: standard deviation of the prior of the final fit
@@ -64,7 +65,7 @@ class Candidates:
     parts: tuple[Candidates, ...] = ()
     _known: OrderedDict[Lineage, Scored] = field(default_factory=OrderedDict, repr=False)
     _products: list[KnownProducts] = field(default_factory=list, repr=False)  # the one that was last used
-    _begun: Latest = field(default_factory=Latest, repr=False)
+    _begun: Latest = field(default_factory=partial(Latest, BEGUN_BYTES), repr=False)
 
     @classmethod
     def of(cls, linear: LinearModel, effects: Sequence[Effect] | None = None) -> Candidates:
