@@ -12,7 +12,7 @@ from typing import Any
 
 from errormodel.effects.base import Effect
 
-MOST_BYTES = 100_000_000  # of each kind: limits the memory; by judgement: a search looks at some dozen models in turn
+MOST_BYTES = 60_000_000  # of each kind: limits the memory; by judgement: a search looks at some dozen models in turn
 
 
 class Latest:
