@@ -258,7 +258,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "search-from": Rule(COMPARISON, "", "An effect that a repeated search begins with."),
         "model-evidence": Rule(
             COMPARISON, "log evidence",
-            "Another model is kept if it has more evidence; near-ties rest less on empirical terms.",
+            "Another model is kept if it has more evidence, with its effects' prior; near-ties rest on fewer forms.",
             _in(_SCORING, "CLEARLY"),
         ),
         "model-cross-validation": Rule(
@@ -368,7 +368,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "wave-of-two-joints": Rule(
             VERDICT, "p-value", "What is left is unexplained if it repeats with two joints' positions together.",
-            _in("results.pure_error", "LEAST_P_VALUE"),
+            _in("results.pure_error", "LEAST_P_VALUE") + _in("results.combined_waves", "LEAST_WAVES"),
         ),
         "dependence-of-residuals": Rule(
             VERDICT, "p-value", "What is left is unexplained if one or two recorded channels predict it.",
