@@ -176,10 +176,8 @@ def _first_independent(unit: Array, strength: Array, rank: int) -> list[int]:
 
 def _combined(base: Array, columns: Array) -> Array:
     """Coefficients (rank, n) with which independent columns give others (m, n), by least squares."""
-    from scipy.linalg import solve_triangular
-
     q, triangle = np.linalg.qr(base)
-    return np.asarray(solve_triangular(triangle, q.T @ columns))
+    return np.asarray(np.linalg.solve(triangle, q.T @ columns))
 
 
 def _beyond(columns: Array, basis: Array) -> Array:

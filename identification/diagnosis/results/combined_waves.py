@@ -81,7 +81,7 @@ class Wave:
 
 def largest_wave(linear: LinearModel, log: DecisionLog = UNRECORDED) -> Wave | None:
     """The wave along two joints, or one, that is left of a linear model's residual; None where there is none."""
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     rows, index = np.unique(linear.index, return_inverse=True)
     if len(rows) < FEWEST_ROWS or linear.exact:
@@ -104,7 +104,7 @@ def largest_wave(linear: LinearModel, log: DecisionLog = UNRECORDED) -> Wave | N
     most = [float(f.max()) for f in found]
     best = int(np.argmax(most))
     pair, tried = pairs[best], sum(f.size for f in found)
-    p_value = min(1.0, tried * float(chi2.sf(2 * most[best], 2 * len(series))))
+    p_value = min(1.0, tried * float(chdtrc(2 * len(series), 2 * most[best])))
     for resample in (shifted, signed) if p_value < LEAST_P_VALUE else ():
         null = left(resample(own, series, RESAMPLES), q, square)
         largest = np.array([_periodogram(r, index, series, *(waves[j] for j in pair)).max() for r in null.T])
