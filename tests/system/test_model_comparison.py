@@ -43,6 +43,31 @@ def test_a_story_gains_by_what_is_there_and_loses_by_what_is_not() -> None:
     assert told(truth, play) < told(truth)
 
 
+def test_of_two_models_alike_the_one_whose_effect_has_fewer_places_is_likelier() -> None:
+    machine = read_machine("bridge_cmm")
+    linear = set_up(fit_machine(machine, empty_survey(machine, 200, 3, channels=False, grid=False)))
+    play = make(EffectSpec("backlash", {"joint": "X"}))
+    few, many = (log_posterior(replayed(linear, [Step(play, 0.0, 0.0, 0.0, names=40, places=n)])) for n in (3, 60))
+    assert few - many == pytest.approx(np.log(20))
+    pair = replayed(linear, [Step(play, 0.0, 0.0, 0.0, names=40, places=3, partner=(play,))])
+    assert [s.log_prior for s in pair.steps] == [-np.log(120)] * 2
+
+
+def test_a_spindle_that_also_moves_aside_is_one_finding() -> None:
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=True, grid=False)
+    survey = replace(survey, table=survey.table.rename(columns={"T_0": "T_spindle"}))
+    both = [EffectSpec("spindle-growth", {"sensor": "T_spindle", **more}) for more in ({}, {"motion": "dx"})]
+    shown = list(zip(both, ([0.012], [0.005]), strict=True))
+    result = diagnose(machine, showing(survey, machine, shown, 0.003))
+    (finding,) = result.diagnosis.findings
+    assert finding.effect == "spindle-growth"
+    assert [(s.effect.effect, getattr(s.effect, "motion", "")) for s in result.model.steps] == [
+        ("spindle-growth", None),
+        ("spindle-growth", "dx"),
+    ]
+
+
 def test_a_refinement_that_is_what_the_finding_should_be_called() -> None:
     """A head that drifts, first taken for air that bends the beam: of the two only the one remains."""
     machine = read_machine("vertical_three_axis")

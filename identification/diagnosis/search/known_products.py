@@ -111,12 +111,10 @@ def begun_with(kept: Latest, lineage: Lineage | None) -> tuple[list[Array], int]
 
     Products of projected columns with each other; columns of that model's basis beyond the geometry.
     """
-    for count in range(len(lineage.effects) if lineage is not None else 0, 0, -1):
-        assert lineage is not None
-        found: tuple[list[Array], int] | None = kept.find((lineage.effects[:count], lineage.noise))
-        if found is not None:
-            return found
-    return None
+    if lineage is None:
+        return None
+    begun = (kept.find((lineage.effects[:count], lineage.noise)) for count in range(len(lineage.effects), 0, -1))
+    return next((found for found in begun if found is not None), None)
 
 
 def keep_begun(kept: Latest, lineage: Lineage | None, grams: list[Array], columns: int) -> None:
