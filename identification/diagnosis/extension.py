@@ -19,6 +19,7 @@ from identification.diagnosis.linear.row_residuals import spread
 from identification.diagnosis.results.combined_waves import Wave, largest_wave
 from identification.diagnosis.results.findings import Untestable
 from identification.diagnosis.results.model_discrepancy import with_form
+from identification.diagnosis.results.nameless_alternative import without_wanderers
 from identification.diagnosis.results.physical_limits import times_usual
 from identification.diagnosis.results.residual_dependence import predicted
 from identification.diagnosis.results.untestable import unseen
@@ -86,6 +87,7 @@ def explained(
     chosen, wave = _with_wave(chosen, candidates, progress, log, looked)
     del candidates, selected  # hundreds of megabytes that the fit of all rows needs
     model, witnessed = apply_witnesses(in_correlated_noise(chosen, log), log)
+    model = without_wanderers(model, log)
     first = len(fit.chain.machine.effects) + len(changes)
     final = fit
     if changes or model.steps:

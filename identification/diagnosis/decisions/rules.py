@@ -366,6 +366,11 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             VERDICT, "p-value", "A motion that wanders in time more than correlated noise does is unexplained.",
             _in("results.pure_error", "LEAST_P_VALUE"),
         ),
+        "wanders-instead": Rule(
+            VERDICT, EVIDENCE,
+            "A finding by temperature is left out if its motion has clearly more evidence as one that wanders in time.",
+            _in(_SCORING, "DECISIVE_ODDS"),
+        ),
         "wave-of-two-joints": Rule(
             VERDICT, "p-value", "What is left is unexplained if it repeats with two joints' positions together.",
             _in("results.pure_error", "LEAST_P_VALUE") + _in("results.combined_waves", "LEAST_WAVES"),

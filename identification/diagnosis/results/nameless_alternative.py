@@ -14,14 +14,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from errormodel.channels import root
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.log import DecisionLog
+from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.findings import EVEN, Alternative, Finding, probability_of
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.physical_limits import nameless
-from identification.diagnosis.results.recorded_functions import Functions
+from identification.diagnosis.results.recorded_functions import CLOCK, Functions, wandering
 from identification.diagnosis.search.candidates import score_of
-from identification.diagnosis.search.model import EffectModel
+from identification.diagnosis.search.criteria import base_channels
+from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.refinement import DEPARTURES, OWN
 from identification.diagnosis.search.scoring import DETECT, Step
 
@@ -44,12 +47,8 @@ def checked_alternative(
         name = Alternative(main.effect, main.where, 0.0, False, finding.motion, finding.driver, finding.probability)
         without_name = nameless(finding, "other names together are likelier")
         return replace(without_name, alternatives=[name, *finding.alternatives])
-    without = form = model.without(group)
-    evidence = 0.0
-    for effect in (s.effect for s in group if _one_name(main, s.effect)):
-        usual = (score_of(form, effect) or (0.0,))[0]
-        evidence += max(usual, 0.0, form.random(form.columns(effect)[0]).best()[1])  # of any size, as what has no name
-        form = form.with_effect(effect)
+    without = model.without(group)
+    evidence, form = _of_any_size(without, [s.effect for s in group if _one_name(main, s.effect)])
     own = max(without.square - form.square, 1e-300)
     further, explained, left = best_of(form, functions)
     trials = float(np.log(max(len(functions), 1)))
@@ -64,6 +63,38 @@ def checked_alternative(
     lead = evidence + max(further - departure, 0.0) - instead + NAME_ODDS
     log.add("nameless-alternative", "kept" if lead > 0 else "refused", main, lead, 0.0, beside=_words(best))
     return finding if lead > 0 else nameless(finding, f"a function without a name explains as much ({_words(best)})")
+
+
+def without_wanderers(model: EffectModel, log: DecisionLog) -> EffectModel:
+    """The model without findings by temperature whose motion has clearly more evidence as one that wanders in time.
+
+    What wanders resembles some temperature by chance, and goes another way later. What a temperature drives changes in
+    time as well, but takes many functions of the clock to describe.
+    """
+    groups, kept, wanders = model.findings, list[list[Step]](), list[Functions]()
+    for group in groups:
+        main = group[0].effect
+        if main.random or base_channels(main) != {"temperature"} or {*map(root, main.drivers)} == {CLOCK}:
+            kept.append(group)
+            continue
+        wanders = wanders or wandering(model.start, np.unique(model.start.index))
+        without = model.without(group)
+        evidence, _ = _of_any_size(without, [s.effect for s in group])
+        instead, _, best = best_of(without, wanders)
+        out = instead - evidence > DETECT
+        log.add("wanders-instead", "removed" if out else "kept", main, instead - evidence, DETECT, beside=_words(best))
+        kept += [] if out else [group]
+    return model if len(kept) == len(groups) else of_groups(model.start, kept)
+
+
+def _of_any_size(linear: LinearModel, effects: Sequence[Effect]) -> tuple[float, LinearModel]:
+    """Log evidence of effects in turn, each of its usual size or, as what has no name, of any; and their model."""
+    evidence = 0.0
+    for effect in effects:
+        usual = (score_of(linear, effect) or (0.0,))[0]
+        evidence += max(usual, 0.0, linear.random(linear.columns(effect)[0]).best()[1])
+        linear = linear.with_effect(effect)
+    return evidence, linear
 
 
 def _one_name(one: Effect, other: Effect) -> bool:

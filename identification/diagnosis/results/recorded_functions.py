@@ -110,8 +110,7 @@ def recorded(linear: LinearModel, rows: Index) -> list[Functions]:
     for joint, own in paths.items():
         if joint in low:
             out += [Functions((joint, name), (low[joint], f[:, :ORDERS_OF_PAIR]), index) for name, f in own.items()]
-    clock = {CLOCK: plain[CLOCK]}
-    quick = [f for corner in CORNERS for _, f in _cosines_of(clock, rows, QUICK_ORDERS, corner)]
+    quick = _quick(plain, rows)
     names = [n for n in (*(j.name for j in linear.scene.moving), *SET) if n in bases]
     for element, motion, lever in _levers(linear):
         for count, orders in ORDERS_OF_SEVERAL.items():
@@ -122,6 +121,22 @@ def recorded(linear: LinearModel, rows: Index) -> list[Functions]:
             for values in quick if name == CLOCK else [f[:, :ORDERS_OF_MOTION]]:
                 out.append(Functions((name,), (values,), index, lever, element=element, motion=motion))
     return out
+
+
+def wandering(linear: LinearModel, rows: Index) -> list[Functions]:
+    """Motions that follow the clock down to quick changes: those of `recorded`."""
+    quick, index = _quick(_channels(linear)[0], rows), np.searchsorted(rows, linear.index)
+    return [
+        Functions((CLOCK,), (values,), index, lever, element=element, motion=motion)
+        for element, motion, lever in _levers(linear)
+        for values in quick
+    ]
+
+
+def _quick(plain: Mapping[str, Array], rows: Index) -> list[Array]:
+    """Functions (n, k) of the clock, with each of the `CORNERS`."""
+    clock = {CLOCK: plain[CLOCK]}
+    return [f for corner in CORNERS for _, f in _cosines_of(clock, rows, QUICK_ORDERS, corner)]
 
 
 def _channels(linear: LinearModel) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:

@@ -1,0 +1,39 @@
+"""A motion that wanders is not driven by the temperature that it resembles."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from errormodel.effects import make
+from errormodel.machine import EffectSpec
+from errormodel.machine_file import read_machine
+from identification.diagnosis.decisions.log import DecisionLog
+from identification.diagnosis.linear.of_fit import set_up
+from identification.diagnosis.results.nameless_alternative import without_wanderers
+from identification.diagnosis.search.model import replayed
+from identification.diagnosis.search.scoring import Step
+from identification.estimation.fit import fit_machine
+from tests.helpers.diagnosed import empty_survey, showing
+
+
+@pytest.mark.parametrize(("driver", "kept"), [("w_level", False), ("T_0", True)])
+def test_what_wanders_more_than_the_temperature_tells_is_not_its_doing(driver: str, kept: bool) -> None:
+    """`T_0` follows what wanders, but slowly: either the one or the other moves the carriage."""
+    machine = read_machine("bridge_cmm")
+    survey = empty_survey(machine, 400, 11, channels=True, grid=False)
+    level = survey.table["w_level"].to_numpy()
+    slow = np.convolve(np.pad(level, 30, mode="edge"), np.ones(61) / 61, mode="valid")
+    table = survey.table.assign(T_0=20 + (slow - slow.mean()) / np.ptp(slow) * 4)
+    common = {"element": "carriage", "motion": "dx", "center": float(np.mean(table[driver]))}
+    truth = EffectSpec("unnamed", {**common, "driver": driver, "half_range": float(np.ptp(table[driver]) / 2)})
+    shown = showing(replace(survey, table=table), machine, [(truth, [0.02])], 0.003)
+    found = make(EffectSpec("structure-drift", {"element": "carriage", "motion": "dx", "sensor": "T_0"}))
+    linear = set_up(fit_machine(machine, replace(shown, table=shown.table.drop(columns="w_level"))))
+    model, log = replayed(linear, [Step(found, 50.0, 100.0, 0.1)]), DecisionLog()
+    left = without_wanderers(model, log)
+    assert [s.effect for s in left.steps] == [found] * kept
+    (decision,) = (d for d in log if d.rule == "wanders-instead")
+    assert decision.outcome == ("kept" if kept else "removed")
