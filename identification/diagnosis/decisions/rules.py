@@ -368,7 +368,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "wanders-instead": Rule(
             VERDICT, EVIDENCE,
-            "A finding by temperature is left out if its motion has clearly more evidence as one that wanders in time.",
+            "A finding by temperature or time is left out if its motion has clearly more evidence as one that wanders.",
             _in(_SCORING, "DECISIVE_ODDS"),
         ),
         "wave-of-two-joints": Rule(

@@ -14,14 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from errormodel.channels import root
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.findings import EVEN, Alternative, Finding, probability_of
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.physical_limits import nameless
-from identification.diagnosis.results.recorded_functions import CLOCK, Functions, wandering
+from identification.diagnosis.results.recorded_functions import Functions, wandering
 from identification.diagnosis.search.candidates import score_of
 from identification.diagnosis.search.criteria import base_channels
 from identification.diagnosis.search.model import EffectModel, of_groups
@@ -66,15 +65,15 @@ def checked_alternative(
 
 
 def without_wanderers(model: EffectModel, log: DecisionLog) -> EffectModel:
-    """The model without findings by temperature whose motion has clearly more evidence as one that wanders in time.
+    """The model without findings by temperature or time whose motion has clearly more evidence as one that wanders.
 
-    What wanders resembles some temperature by chance, and goes another way later. What a temperature drives changes in
-    time as well, but takes many functions of the clock to describe.
+    What wanders resembles some temperature or warm-up by chance, and goes another way later. What a temperature drives
+    changes in time as well, but takes many functions of the clock to describe.
     """
     groups, kept, wanders = model.findings, list[list[Step]](), list[Functions]()
     for group in groups:
         main = group[0].effect
-        if main.random or base_channels(main) != {"temperature"} or {*map(root, main.drivers)} == {CLOCK}:
+        if main.random or base_channels(main) != {"temperature"}:
             kept.append(group)
             continue
         wanders = wanders or wandering(model.start, np.unique(model.start.index))
