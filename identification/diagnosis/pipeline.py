@@ -58,6 +58,7 @@ from identification.diagnosis.results.statements import (
     named,
     next_measurement,
     period_of,
+    periods_of,
     statement_of,
     subject,
 )
@@ -279,6 +280,7 @@ def _finding(
         runs=[d[4:-1] for d in main.drivers if d.startswith("run(")] or None,
         time=[float(at)] if at is not None else None,
         period=period_of(main, machine),
+        periods=periods_of(main, machine),
         statement=" ".join((statement, *(f"{t}." for t in results))),
         parameters=whole.amounts,
         probability=probability,

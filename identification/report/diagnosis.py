@@ -128,10 +128,11 @@ def _part(diagnosed: Diagnosed, count: int, finding: Finding, group: Sequence[St
     facts = [("Name", sure(finding))] if group else []
     if finding.motion:
         facts.append(("Motion", ", ".join(finding.motion)))
-    if finding.period:
-        turning = any(j.name in finding.driver and j.type == "rotary" for j in diagnosed.final.chain.machine.joints)
-        unit = "°" if turning else " s" if finding.driver[0] == "time" else " mm"
-        facts.append(("Period", f"{finding.period:.4g}{unit}"))
+    turning = {j.name for j in diagnosed.final.chain.machine.joints if j.type == "rotary"}
+    for driver, period in zip(finding.driver, finding.periods, strict=False):
+        unit = "°" if driver.removeprefix("dir_") in turning else " s" if driver == "time" else " mm"
+        along = f" of {driver}" if len(finding.periods) > 1 else ""
+        facts.append(("Period", f"{period:.4g}{unit}{along}"))
     if finding.size_um:
         facts.append(("Size at the tip", f"{three(finding.size_um)} µm rms over the survey's rows"))
     if group:

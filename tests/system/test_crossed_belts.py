@@ -24,6 +24,8 @@ def test_crossed_belts_are_predicted() -> None:
     assert finding.effect == "unnamed"
     assert set(finding.driver) == {x, y}
     assert math.isclose(finding.period or 0.0, PERIOD, rel_tol=0.01)
+    assert all(math.isclose(p, PERIOD, rel_tol=0.02) for p in finding.periods)
+    assert len(finding.periods) == 2
     assert f"of {x} and" in finding.statement
     assert finding.heldout_rms_um.after < finding.heldout_rms_um.before
     assert found.verdict == "explained"

@@ -372,7 +372,8 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _in(_SCORING, "DECISIVE_ODDS"),
         ),
         "wave-of-two-joints": Rule(
-            VERDICT, "p-value", "What is left is unexplained if it repeats with two joints' positions together.",
+            VERDICT, "p-value",
+            "What repeats with two joints' positions together is tried at all places, and else unexplained.",
             _in("results.pure_error", "LEAST_P_VALUE") + _in("results.combined_waves", "LEAST_WAVES"),
         ),
         "dependence-of-residuals": Rule(

@@ -60,7 +60,8 @@ class Finding:
 
     Beyond what that page lists: `size_um`, the root mean square of what it does at the tip over the survey's rows,
     `rows` (of outliers: data rows, from 1), `brief`, its name and size, and `positive`, what a positive parameter does
-    where that is not a rise of the motion in its name. `period` in mm, of a rotary joint in degrees.
+    where that is not a rise of the motion in its name. `period` in mm, of a rotary joint in degrees, and `periods`
+    along each driver.
     """
 
     effect: str
@@ -75,6 +76,7 @@ class Finding:
     runs: list[str] | None = None
     time: list[float] | None = None
     period: float | None = None
+    periods: list[float] = field(default_factory=list)
     parameters: list[Amount] = field(default_factory=list)
     absorbed: float = 0.0
     moved: dict[str, float] = field(default_factory=dict)

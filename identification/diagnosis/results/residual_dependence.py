@@ -72,9 +72,14 @@ class Dependence:
         depends = f"repeats every {' and every '.join(every)}" if every else f"depends on {on}"
         return (
             f"what is left{moves} {depends} (p = {self.p_value:.0e}), in a form that no effect with a name has; "
-            f"along {self.axis} this explains {self.size_um:.1f} um rms. Measure again with {on} at many values, in "
-            "random order"
+            f"along {self.axis} this explains {self.size_um:.1f} um rms. {self._next(on)}"
         )
+
+    def _next(self, on: str) -> str:
+        """What to measure: time cannot be set."""
+        if self.channels == (CLOCK,):
+            return "Measure fixed targets again and again between the positions"
+        return f"Measure again with {on} at many values, in random order"
 
     def as_json(self) -> dict[str, object]:
         """The key ``dependence`` of ``diagnosis.json``."""

@@ -148,6 +148,15 @@ def period_of(effect: Effect, machine: Machine) -> float | None:
     return math.degrees(period) if joint is not None and joint.type == "rotary" else float(period)
 
 
+def periods_of(effect: Effect, machine: Machine) -> list[float]:
+    """An effect's period along each of its drivers, as files have it: mm, s, or degrees of a rotary joint."""
+    first, second = period_of(effect, machine), getattr(effect, "by_period", None)
+    if first is None or second is None:
+        return [] if first is None else [first]
+    turning = {j.name for j in machine.joints if j.type == "rotary"}
+    return [first, math.degrees(second) if effect.drivers[1] in turning else float(second)]
+
+
 def shape(effect: Effect, machine: Machine) -> str:
     """Period, place, width and the like, in words; empty where an effect has none."""
     joint, words = driving(effect, machine), []
