@@ -258,7 +258,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "search-from": Rule(COMPARISON, "", "An effect that a repeated search begins with."),
         "model-evidence": Rule(
             COMPARISON, "log evidence",
-            "Another model is kept if it has more evidence, with its effects' prior; near-ties rest on fewer forms.",
+            "Another model is kept if its evidence and prior are more; near-ties rest less on empirical terms.",
             _in(_SCORING, "CLEARLY"),
         ),
         "model-cross-validation": Rule(
@@ -374,7 +374,8 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "wave-of-two-joints": Rule(
             VERDICT, "p-value",
             "What repeats with two joints' positions together is tried at all places, and else unexplained.",
-            _in("results.pure_error", "LEAST_P_VALUE") + _in("results.combined_waves", "LEAST_WAVES"),
+            _in("results.pure_error", "LEAST_P_VALUE") + _in("results.residual_dependence", "LEAST_SHARE")
+            + _in("results.combined_waves", "LEAST_WAVES", "MOST_WAVES", "FEWEST_VALUES", "MOST_JOINTS"),
         ),
         "dependence-of-residuals": Rule(
             VERDICT, "p-value", "What is left is unexplained if one or two recorded channels predict it.",

@@ -22,19 +22,16 @@ from errormodel.effects.unnamed import Unnamed
 from errormodel.machine import Joint
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.results.pure_error import LEAST_P_VALUE
 from identification.diagnosis.results.recorded_functions import Functions
-from identification.diagnosis.results.resampling import clipped, gumbel, left, shifted, signed
+from identification.diagnosis.results.resampling import QUICK_RESAMPLES, clipped, gumbel, left, shifted, signed, thinned
 from identification.estimation.noise import series_edges
 
 MOST_WAVES = 64  # over the range of a joint, by judgement: a belt's teeth are finer, its pulleys are not
 LEAST_WAVES = 3.0  # over the range of one joint at least: longer ones are smooth functions, which are tested elsewhere
 STEP = 0.5  # of a wave over the range: a wave between two of the grid keeps most of its energy
-FEWEST_ROWS, MOST_ROWS = 40, 800  # rows below which nothing is tested, and above which they are thinned out
 MOST_JOINTS = 8  # of which each two are looked at: time grows with their square
 FEWEST_VALUES = 8  # of a joint, that leave waves over it to be seen
-RESAMPLES = 39  # of each kind; the tail beyond is extrapolated
 
 
 @dataclass(frozen=True)
@@ -59,14 +56,11 @@ class Wave:
         """The way along each joint after which it repeats, the others at rest; mm, rad."""
         return tuple(width / abs(n) for n, width in zip(self.numbers, self.ranges, strict=True))
 
-    def units(self, joints: Sequence[Joint]) -> tuple[str, ...]:
-        """The unit of each period in files."""
+    def in_files(self, joints: Sequence[Joint]) -> list[tuple[float, str]]:
+        """The periods and their units as files have them."""
         turning = {j.name for j in joints if j.type == "rotary"}
-        return tuple("deg" if j in turning else "mm" for j in self.joints)
-
-    def in_units(self, units: Sequence[str]) -> tuple[float, ...]:
-        """The periods as files have them."""
-        return tuple(float(np.degrees(p)) if u == "deg" else p for p, u in zip(self.periods, units, strict=True))
+        periods = zip(self.joints, self.periods, strict=True)
+        return [(float(np.degrees(p)), "deg") if j in turning else (p, "mm") for j, p in periods]
 
     def proposals(self, linear: LinearModel) -> Iterator[Effect]:
         """The wave, and the one that runs the other way, in each motion of each place; and neighbours of the grid."""
@@ -83,20 +77,15 @@ def largest_wave(linear: LinearModel, log: DecisionLog = UNRECORDED) -> Wave | N
     """The wave along two joints, or one, that is left of a linear model's residual; None where there is none."""
     from scipy.special import chdtrc
 
-    rows, index = np.unique(linear.index, return_inverse=True)
-    if len(rows) < FEWEST_ROWS or linear.exact:
+    if (tested := thinned(linear)) is None:
         return None
-    some = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), MOST_ROWS)).astype(int))
-    keep = np.isin(index, some)
-    rows, index = rows[some], np.searchsorted(some, index[keep])
+    keep, residual, q = tested
+    rows, index = np.unique(linear.index[keep], return_inverse=True)
     positions = {j.name: linear.scene.columns[j.name][rows] for j in linear.scene.moving}
     able = {j: q for j, q in positions.items() if np.isfinite(q).all() and len(np.unique(q)) >= FEWEST_VALUES}
     pairs = list(combinations(able, 2)) if len(able) <= MOST_JOINTS else []
-    residual, basis = (a[: len(linear.index)][keep] for a in (linear.residual, linear.basis))
-    norms = np.linalg.norm(basis, axis=0)
-    q = orthonormal_basis(basis[:, norms > 0] / norms[norms > 0])
     own = clipped(residual, q)
-    if own is None or not pairs or len(own) - q.shape[1] < FEWEST_ROWS:
+    if own is None or not pairs:
         return None
     series, square = [slice(a, b) for a, b in pairwise(series_edges(index))], float(own @ own)
     waves = {j: _waves(p) for j, p in able.items()}
@@ -106,7 +95,7 @@ def largest_wave(linear: LinearModel, log: DecisionLog = UNRECORDED) -> Wave | N
     pair, tried = pairs[best], sum(f.size for f in found)
     p_value = min(1.0, tried * float(chdtrc(2 * len(series), 2 * most[best])))
     for resample in (shifted, signed) if p_value < LEAST_P_VALUE else ():
-        null = left(resample(own, series, RESAMPLES), q, square)
+        null = left(resample(own, series, QUICK_RESAMPLES), q, square)
         largest = np.array([_periodogram(r, index, series, *(waves[j] for j in pair)).max() for r in null.T])
         p_value = max(p_value, min(1.0, len(pairs) * gumbel(most[best], largest)))
     seen = p_value < LEAST_P_VALUE

@@ -8,11 +8,31 @@ from __future__ import annotations
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Mask
+from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 
+FEWEST_ROWS, MOST_ROWS = 40, 800  # rows below which nothing is tested, and above which they are thinned out
+QUICK_RESAMPLES = 39  # of each kind, from which the tail beyond is extrapolated
 ENDS = 0.04  # of the rows: circular shifts by less leave the residual where it was
 SIGN_BLOCK_ROWS = 4  # rows that share a random sign
 CLIP = 3.0  # robust standard deviations: no single row decides
+
+
+def thinned(linear: LinearModel) -> tuple[Mask, Array, Array] | None:
+    """Which observations are tested, those of at most `MOST_ROWS` rows; the residual and an orthonormal basis there.
+
+    None where there are too few.
+    """
+    index = linear.index
+    rows = np.unique(index)
+    if len(rows) < FEWEST_ROWS or linear.exact:
+        return None
+    keep = np.isin(index, rows[np.linspace(0, len(rows) - 1, min(len(rows), MOST_ROWS)).astype(int)])
+    residual, basis = (a[: len(index)][keep] for a in (linear.residual, linear.basis))
+    norms = np.linalg.norm(basis, axis=0)
+    basis = orthonormal_basis(basis[:, norms > 0] / norms[norms > 0])  # over the rows that are kept
+    return None if len(residual) - basis.shape[1] < FEWEST_ROWS else (keep, residual, basis)
 
 
 def clipped(residual: Array, q: Array) -> Array | None:

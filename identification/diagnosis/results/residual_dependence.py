@@ -28,14 +28,13 @@ from identification.diagnosis.results.combined_waves import Wave
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.pure_error import LEAST_P_VALUE
 from identification.diagnosis.results.recorded_functions import CLOCK, Functions, only, recorded
-from identification.diagnosis.results.resampling import clipped, gumbel, left, shifted, signed
+from identification.diagnosis.results.resampling import QUICK_RESAMPLES, clipped, gumbel, left, shifted, signed, thinned
 from identification.diagnosis.search.criteria import heldout_rms
 from identification.estimation.noise import Noise, likeliest, series_edges
 
-FEWEST_ROWS, MOST_ROWS = 40, 800  # rows below which nothing is tested, and above which they are thinned out
 AT_ONCE = 1000  # functions whose statistics are kept at a time
 RESAMPLES = 199  # of each kind; the tail beyond is extrapolated
-FIRST_RESAMPLES, FIRST_P_VALUE = 39, 0.05  # a quick look, which ends nearly all tests of noise
+FIRST_P_VALUE = 0.05  # of a quick look, which ends nearly all tests of noise
 LEAST_SHARE = 0.01  # of the held-out variance: what predicts less changes no prediction
 
 
@@ -121,20 +120,14 @@ def dependence_of(
     components : observations of a row: three coordinates, or one reading.
     wave : along joints, that is left in the residual.
     """
-    index = linear.index
-    rows = np.unique(index)
-    if len(rows) < FEWEST_ROWS or linear.exact:
+    if (tested := thinned(linear)) is None:
         return None
-    some = rows[np.linspace(0, len(rows) - 1, min(len(rows), MOST_ROWS)).astype(int)]
-    keep = np.isin(index, some)
-    parts = recorded(linear, rows)
-    residual, basis = (a[: len(index)][keep] for a in (linear.residual, linear.basis))
-    norms = np.linalg.norm(basis, axis=0)
-    basis = orthonormal_basis(basis[:, norms > 0] / norms[norms > 0])  # over the rows that are kept
-    if len(residual) - basis.shape[1] < FEWEST_ROWS or not parts:
+    (keep, residual, basis), index = tested, linear.index
+    parts = recorded(linear, np.unique(index))
+    if not parts:
         return None
     kept = only(parts, keep)
-    p_value, best = _tested(residual, basis, index[keep], kept, FIRST_RESAMPLES)
+    p_value, best = _tested(residual, basis, index[keep], kept, QUICK_RESAMPLES)
     if p_value < FIRST_P_VALUE:
         # a drift depends on all that changes slowly: what correlated noise explains is filtered out of both sides
         edges = series_edges(index[keep])
@@ -161,8 +154,8 @@ def dependence_of(
         return None
     size = sigma_um * float(np.sqrt(components * share))
     if wave is not None:
-        units = wave.units(linear.scene.moving)
-        return Dependence(wave.joints, wave.p_value, axis, size, periods=wave.in_units(units), units=units)
+        periods, units = zip(*wave.in_files(linear.scene.moving), strict=True)
+        return Dependence(wave.joints, wave.p_value, axis, size, periods=periods, units=units)
     return Dependence(part.channels, p_value, axis, size, part.element, part.motion)
 
 
