@@ -28,7 +28,7 @@ from identification.diagnosis.search.candidates import WIDEST, Candidates, Ranke
 from identification.diagnosis.search.conditional_evidence import conditional_scores, in_correlated_noise
 from identification.diagnosis.search.criteria import base_channels
 from identification.diagnosis.search.forward_selection import forward_select
-from identification.diagnosis.search.instrument_noise import tracker_noise
+from identification.diagnosis.search.instrument_noise import line_of_sight, tracker_noise
 from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.model_comparison import NO_WORSE, compare_alternatives
 from identification.diagnosis.search.proposals import enough_rows, proposed
@@ -62,6 +62,7 @@ def explained(
     progress: Progress,
     log: DecisionLog,
     impossible: Callable[[Effect], bool] | None = None,
+    alike: bool = False,
 ) -> Explanation:
     """What explains a fit's residuals, and the survey fitted with it.
 
@@ -69,22 +70,27 @@ def explained(
     ----------
     changes : effects that mend blunders.
     impossible : whether an effect is no candidate, because an earlier search found it larger than physics has it.
+    alike : whether the noise is known to be alike in all directions, because an earlier search left it so.
     """
+    given, plain = survey, fit
     linear, candidates = _tried(fit, progress, log, impossible)
-    if (seen := tracker_noise(fit, linear, candidates, survey, log)) is not None:
+    if not alike and (seen := tracker_noise(fit, linear, candidates, survey, log)) is not None:
         survey, fit = seen, fit_machine(fit.chain.machine, seen)
         del linear, candidates  # of an arm hundreds of megabytes, and as much again is made
         linear, candidates = _tried(fit, progress, log, impossible)
     if (known := likelier_sides(survey, linear, log=log)) is not None:
-        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible)
+        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible, alike)
     scores = candidates.scores(linear).alone()
     looked = dict[object, Array]()
     selected = forward_select(linear, candidates, progress, log=log, looked=looked)
     chosen = compare_alternatives(selected, candidates, progress, log, looked)
     if (known := likelier_sides(survey, linear, [s.effect for s in chosen.steps], log)) is not None:
         log.again()
-        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible)
+        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible, alike)
     chosen, wave = _with_wave(chosen, candidates, progress, log, looked)
+    if survey is not given and chosen.steps and not line_of_sight(fit, chosen.linear, candidates, log):
+        log.again()  # it was what was found
+        return explained(plain, given, changes, progress, log, impossible, alike=True)
     del candidates, selected  # hundreds of megabytes that the fit of all rows needs
     model, witnessed = apply_witnesses(in_correlated_noise(chosen, log), log)
     model = without_wanderers(model, log)

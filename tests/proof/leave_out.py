@@ -31,6 +31,10 @@ def _no(*_: Any, **__: Any) -> bool:
     return False
 
 
+def _empty(*_: Any, **__: Any) -> str:
+    return ""
+
+
 _SEARCH, _RESULTS = "identification.diagnosis.search.", "identification.diagnosis.results."
 _FORWARD, _COMPARED = _SEARCH + "forward_selection", _SEARCH + "model_comparison"
 # rule: (module, name there, what it is without the rule)
@@ -49,9 +53,21 @@ LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
     "superfluous": ((_FORWARD, "backward_eliminate", _same),),
     "nameless-alternative": (("identification.diagnosis.pipeline", "checked_alternative", _same),),
     "strong-alternative": ((_COMPARED, "_alternatives", _nothing),),
+    "unmoved": ((_FORWARD, "UNMOVED", -1.0),),
+    "shrunk-anew": ((_SEARCH + "model", "MUCH", FOREVER),),
+    "empirical-lead": ((_SEARCH + "scoring", "CLEARLY", 0.0),),
+    "explains-as-much": ((_SEARCH + "scoring", "FORM", FOREVER),),
+    "refinement-below-detection": ((_FORWARD, "LEAST_EVIDENCE", FOREVER),),
+    "line-of-sight": (("identification.diagnosis.extension", "tracker_noise", _none),),
     "second-cause": ((_COMPARED, "_second_causes", _nothing),),
     "model-cross-validation": ((_COMPARED, "NO_WORSE", FOREVER),),
     "prediction-made-worse": (("identification.diagnosis.extension", "NO_WORSE", FOREVER),),
+    "wanders-instead": (("identification.diagnosis.extension", "without_wanderers", _same),),
+    "wave-of-two-joints": (("identification.diagnosis.extension", "largest_wave", _none),),
+    "unlikely-name": ((_RESULTS + "nameless_alternative", "EVEN", 0.0),),
+    "remainder-of-name": ((_RESULTS + "nameless_alternative", "OWN", FOREVER),),
+    "uncontradicted-alternative": (("identification.diagnosis.extension", "apply_witnesses", lambda m, log: (m, {})),),
+    "serial-correlation": ((_RESULTS + "verdict", "wandering_text", _empty),),
     "physical-bound": ((_RESULTS + "physical_limits", "CONTRADICTED_SIGMA", FOREVER),),
     "physical-size": ((_RESULTS + "physical_limits", "WIDEST", FOREVER),),
 }

@@ -29,3 +29,22 @@ def test_crossed_belts_are_predicted() -> None:
     assert f"of {x} and" in finding.statement
     assert finding.heldout_rms_um.after < finding.heldout_rms_um.before
     assert found.verdict == "explained"
+
+
+def test_a_wave_along_a_diagonal_is_no_line_of_sight() -> None:
+    """It is taken for an instrument that is worse along its sight; beside what was found nothing of that is left."""
+    machine = read_machine("bridge_cmm")
+    x, y = (j.name for j in machine.joints[:2])
+    fields = {"element": x, "driver": x, "by": y, "period": PERIOD, "by_period": PERIOD}
+    waves = [(EffectSpec("unnamed", {**fields, "motion": m}), [0.006, 0.0, 0.0, 0.006]) for m in ("dx", "dz")]
+    survey = empty_survey(machine, 400, 8, channels=False, grid=False)
+    diagnosed = diagnose(machine, showing(survey, machine, waves, 0.005))
+    found = diagnosed.diagnosis
+    sights = [d.outcome for d in diagnosed.log if d.rule == "line-of-sight"]
+    assert sights == ["found", "passed"]
+    assert not [n for n in found.notes if "line of sight" in n]
+    low, high = found.noise_interval_um
+    assert low < 5.0 < high
+    (finding,) = found.findings
+    assert f"one wave in {finding.driver[0]} - {finding.driver[1]}" in finding.statement
+    assert "further term" not in finding.statement  # the second direction refines nothing

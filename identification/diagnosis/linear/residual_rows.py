@@ -42,7 +42,7 @@ def heldout_um(fit: Fit, linear: LinearModel) -> float:
         return _of_readings(fit, linear)
     square, count = 0.0, 0
     for part, left in by_rows(fit, linear, cross_validation_residuals(linear)):
-        square += float(np.sum(_unwhitened(part, left) ** 2))
+        square += float(np.sum(unwhitened(part, left) ** 2))
         count += len(part)
     return 1e3 * fit.solution.sigma["position"] * float(np.sqrt(square / count))
 
@@ -54,13 +54,13 @@ def _of_readings(fit: Fit, linear: LinearModel) -> float:
     for part, left in by_rows(fit, linear, cross_validation_residuals(linear)):
         factor = counts(part, fit) if isinstance(part, ReadingView) else 1.0
         if factor:
-            gap = factor * fit.solution.sigma[part.kind] * _unwhitened(part, left)
+            gap = factor * fit.solution.sigma[part.kind] * unwhitened(part, left)
             square[part.index] += np.sum(gap**2, axis=1)
             seen[part.index] = True
     return 1e3 * float(np.sqrt(square[seen].mean()))
 
 
-def _unwhitened(part: PositionView | ReadingView, white: Array) -> Array:
+def unwhitened(part: PositionView | ReadingView, white: Array) -> Array:
     """Whitened residuals (m, outputs), NaN where not measured, in mm or rad."""
     white = np.nan_to_num(white)
     if part.whitener.ndim == 1:

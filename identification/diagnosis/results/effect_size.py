@@ -90,16 +90,18 @@ class Whole:
     def _summary(self, effect: Effect, ids: Sequence[str]) -> list[Amount]:
         out = []
         for (element, motion), rows in self.motions.items():
-            if rows[[self.every.index(i) for i in ids]].any():
+            if self.of(rows, ids).any():
                 name, unit = f"{element}.{motion}.{effect.effect}", unit_of(motion)
                 out.append(Amount(f"{name} rms", *self.rms((element, motion), ids), unit))
                 out.append(Amount(f"{name} peak to peak", *self.range((element, motion), ids), unit))
         return out
 
     def _rows(self, place: tuple[str, Motion], ids: Sequence[str] | None) -> Array:
-        own = np.array([ids is None or i in ids for i in self.every])
-        rows: Array = self.motions[place] * own[:, None]
-        return rows
+        return self.motions[place] if ids is None else self.of(self.motions[place], ids)
+
+    def of(self, rows: Array, ids: Sequence[str]) -> Array:
+        """Rows (k, n) of all parameters with those of some `ids` only, the others' zero."""
+        return np.asarray(rows * np.array([i in ids for i in self.every])[:, None])
 
     def _spread(self, weights: Array) -> tuple[float, float]:
         return float(weights @ self.values), float(np.sqrt(max(float(weights @ self.covariance @ weights), 0.0)))

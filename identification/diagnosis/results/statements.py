@@ -9,6 +9,7 @@ from errormodel.channels import DERIVED_CHANNEL, root
 from errormodel.conventions import FRAME, INSTRUMENT, TOOL, Motion, iso_symbol, unit_of
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
+from errormodel.effects.unnamed import Unnamed
 from errormodel.machine import Joint, Machine
 from errormodel.path_speed import SPEED_CHANNEL
 from identification.diagnosis.data_checks.blunder import length
@@ -20,6 +21,7 @@ HIDDEN = 0.05  # smaller shares that are collinear with the geometry are not men
 SECOND = 0.5  # of what the largest motion does at the tip: a second one is mentioned if it does as much
 USUAL, LARGE = 2.0, 4.0  # physical sizes: up to there an effect is usual, up to there large
 SPOKEN = {"period", "edge", "by_edge", "at", "width", "tau"}  # shape parameters with words of their own
+ONE_WAY = 0.3  # of the larger of two waves, one in the sum and one in the difference: the other is not mentioned
 MOST_TURNS = 3  # a turn: fewer are given as a period only
 PLACES = {FRAME: "the measuring frame", TOOL: "the tool", INSTRUMENT: "the instrument"}
 
@@ -29,7 +31,8 @@ def statement_of(whole: Whole, machine: Machine, absorbed: float, probability: f
     main = whole.effects[0]
     name = subject(main)
     same = [main] if main.empirical else [e for e in whole.effects if e.effect == main.effect]
-    cause = "the same in all rows" if _steady(whole) else f"driven by {causes(same)}{shape(main, machine)}"
+    driven = f"driven by {causes(same)}{shape(main, machine)}{_runs(whole)}"
+    cause = "the same in all rows" if _steady(whole) else driven
     parts = [f"{name[0].upper()}{name[1:]}, {cause}: "]
     at_tip = [f"{length(whole.size_um)} rms at the tip"] if _determined(whole) else []
     parts.append("; ".join((*_figures(whole, machine), *at_tip)))
@@ -191,6 +194,18 @@ def shape(effect: Effect, machine: Machine) -> str:
     return f", {', '.join(words)}" if words else ""
 
 
+def _runs(whole: Whole) -> str:
+    """Whether a wave along two joints is one in their sum or their difference, in words."""
+    main, size = whole.effects[0], len(whole.ids[0])
+    if not isinstance(main, Unnamed) or not main.by_period or main.edge or main.by_edge or main.pieces or size < 4:
+        return ""
+    ss, sc, cs, cc = whole.values[:size].tolist()  # in the order of `waves`
+    both = math.hypot(cc - ss, sc + cs), math.hypot(cc + ss, sc - cs)
+    if ONE_WAY * max(both) < min(both):
+        return ""
+    return f", as one wave in {main.driver} {'+' if both[0] > both[1] else '-'} {main.by}"
+
+
 def _shape_value(effect: Effect, name: str, machine: Machine) -> str:
     """A shape parameter in its unit."""
     unit, value = effect.unit_of_shape(name, machine), float(getattr(effect, name))
@@ -202,8 +217,8 @@ def _shape_value(effect: Effect, name: str, machine: Machine) -> str:
 def _figures(whole: Whole, machine: Machine) -> Iterator[str]:
     """How large: the physical parameter where there is one, and the motions that show most."""
     main = whole.effects[0]
-    other = sum(e.effect != main.effect or _grows(e) != _grows(main) for e in whole.effects)
-    known = not (main.random or main.empirical or other)  # a size that can be compared with what is usual
+    other = [e.effect != main.effect or _grows(e) != _grows(main) for e in whole.effects]
+    known = not (main.random or main.empirical or any(other))  # a size that can be compared with what is usual
     coefficients = _coefficients(whole, machine) if known else ""
     if coefficients:
         yield coefficients
@@ -221,15 +236,23 @@ def _figures(whole: Whole, machine: Machine) -> Iterator[str]:
     shown = [p for p in ranked[:2] if whole.tip[p] >= SECOND * whole.tip[ranked[0]]]
     moves = [f"{spoken(place, machine)} by {plus_minus(*whole.range(place), unit_of(place[1]))}" for place in shown]
     if moves:
-        more = (
-            f", with {other} further term{'s' * (other > 1)} that refine{'s' * (other == 1)} its form" if other else ""
-        )
         usual = f", {_usual(_largest(whole, machine))}" if known and not coefficients else ""
         if not _determined(whole):
             usual = ": the data do not determine this size"
-        elif sign := main.meaning_of_sign([a.value for a in whole.amounts]) if not other else "":
+        elif sign := main.meaning_of_sign([a.value for a in whole.amounts]) if not any(other) else "":
             usual = f", {sign}"
-        yield f"moves {' and '.join(moves)} peak to peak over the rows{more}{usual}"
+        yield f"moves {' and '.join(moves)} peak to peak over the rows{_further(whole, other, shown, machine)}{usual}"
+
+
+def _further(whole: Whole, other: Sequence[bool], shown: Sequence[tuple[str, Motion]], machine: Machine) -> str:
+    """Motions that are not `shown`, and the terms of another form that refine the main effect's, in words."""
+    places = [{p for p, rows in whole.motions.items() if whole.of(rows, ids).any()} for ids in whole.ids]
+    aside = set[tuple[str, Motion]]().union(*(own for own in places if not own & places[0])) - {*shown}
+    less = [spoken(p, machine) for p in sorted(aside, key=lambda place: -whole.tip[place])]
+    terms = sum(differs and bool(own & places[0]) for differs, own in zip(other, places, strict=True))
+    words = f", and {' and '.join(less)} less" if less else ""
+    refining = f", with {terms} further term{'s' * (terms > 1)} that refine{'s' * (terms == 1)} its form"
+    return words + (refining if terms else "")
 
 
 def _determined(whole: Whole) -> bool:

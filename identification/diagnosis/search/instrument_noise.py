@@ -19,7 +19,7 @@ from errormodel.survey import Survey
 from errormodel.surveys.columns import SIGMA_COLUMNS
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.linear.residual_rows import by_rows
+from identification.diagnosis.linear.residual_rows import by_rows, unwhitened
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.scoring import DETECT
 from identification.estimation.noise import is_round_off
@@ -61,16 +61,11 @@ def tracker_noise(
     if is_round_off(fit.chain, fit.solution.sigma["position"]):
         log.add("points-for-noise", "passed", "instrument", beside="the residuals are round-off")
         return None
-    cleared = _cleared(linear, candidates)
+    cleared = _noise(fit, linear, candidates, log)
     if cleared is None:
-        log.add("residuals-are-noise", "refused", "instrument", MOST, MOST)
-    parts = [] if cleared is None else [*_triples(fit, cleared)]
-    points, residuals = (np.vstack(p) for p in zip(*parts, strict=True)) if parts else (np.empty((0, 3)),) * 2
-    if len(points) < FEWEST:
-        if cleared is not None:
-            log.add("points-for-noise", "refused", "instrument", len(points), FEWEST)
         return None
-    tracker = seen_in(points, residuals * fit.solution.sigma["position"], log)
+    points, residuals = cleared
+    tracker = seen_in(points, residuals, log)
     if tracker is None:
         return None
     covariance = tracker.covariance(points)
@@ -78,6 +73,29 @@ def tracker_noise(
     mean = float(np.sqrt(np.trace(covariance.mean(axis=0)) / 3))
     relative = _tracker(tracker.station, _sizes(tracker) / mean)
     return replace(survey, instrument=relative, sized=False, notes=(*survey.notes, _note(tracker, points)))
+
+
+def line_of_sight(fit: Fit, linear: LinearModel, candidates: Candidates, log: DecisionLog = UNRECORDED) -> bool:
+    """Whether the residuals still show a line of sight beside what was found; as before where they are not noise."""
+    cleared = _noise(fit, linear, candidates, log)
+    return cleared is None or seen_in(*cleared, log) is not None
+
+
+def _noise(fit: Fit, linear: LinearModel, candidates: Candidates, log: DecisionLog) -> tuple[Array, Array] | None:
+    """Points and residuals (n, 3) without what the candidates explain, mm in the axes of their measuring frame.
+
+    None where too much explains them, or there are too few points.
+    """
+    cleared = _cleared(linear, candidates)
+    if cleared is None:
+        log.add("residuals-are-noise", "refused", "instrument", MOST, MOST)
+        return None
+    parts = [*_triples(fit, cleared)]
+    points, residuals = (np.vstack(p) for p in zip(*parts, strict=True)) if parts else (np.empty((0, 3)),) * 2
+    if len(points) < FEWEST:
+        log.add("points-for-noise", "refused", "instrument", len(points), FEWEST)
+        return None
+    return points, residuals * fit.solution.sigma["position"]
 
 
 def _cleared(linear: LinearModel, candidates: Candidates) -> LinearModel | None:
@@ -91,14 +109,17 @@ def _cleared(linear: LinearModel, candidates: Candidates) -> LinearModel | None:
 
 
 def _triples(fit: Fit, linear: LinearModel) -> Iterator[tuple[Array, Array]]:
-    """Points and residuals (m, 3) in the axes of their measuring frame, of rows with three components."""
+    """Points and residuals (m, 3) in the axes of their measuring frame, of rows with three components.
+
+    In units of the fit's standard uncertainty.
+    """
     for part, white in by_rows(fit, linear, linear.residual[: len(linear.index)]):
         if not isinstance(part, PositionView):
             continue
         whole = np.isfinite(white).all(axis=1)
-        # without a missing component a view is whitened in the reference's axes
+        # rows that are weighed alike are so in the reference's axes
         turn = part.pose.rotation.T if part.whitener.ndim == 1 else np.eye(3)
-        yield part.measured[whole], white[whole] @ turn
+        yield part.measured[whole], unwhitened(part, white)[whole] @ turn
 
 
 def seen_in(points: Array, residuals: Array, log: DecisionLog = UNRECORDED) -> LaserTracker | None:
