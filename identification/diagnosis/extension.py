@@ -34,6 +34,7 @@ from identification.diagnosis.search.model_comparison import NO_WORSE, compare_a
 from identification.diagnosis.search.proposals import enough_rows, proposed
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
+from identification.runtime.memory import give_back
 from identification.runtime.progress import Progress
 
 
@@ -92,6 +93,7 @@ def explained(
         log.again()  # it was what was found
         return explained(plain, given, changes, progress, log, impossible, alike=True)
     del candidates, selected  # hundreds of megabytes that the fit of all rows needs
+    give_back()
     model, witnessed = apply_witnesses(in_correlated_noise(chosen, log), log)
     model = without_wanderers(model, log)
     first = len(fit.chain.machine.effects) + len(changes)
