@@ -13,12 +13,13 @@ from functools import cached_property, partial, reduce
 import numpy as np
 
 from errormodel.arrays import Array, Index
-from errormodel.kernel import Kernel, compiled, in_all
+from errormodel.kernel import KERNEL_BLOCK_ROWS, Kernel, compiled, in_all
 from identification.observation.models import GapView, View
 from identification.runtime.parallel import parallel_map
 
 Selector = tuple[Index, Array]
 RANGE_ROWS = 1 << 17  # rows at most whose sums are taken one after the other, and then added to those of other ranges
+HELD_BYTES, FEWEST_ROWS = 40_000_000, 512  # of the functions of a block; a call for so many rows is worth it in any case
 SHORTEST_ROWS, RANGES = 1 << 14, 16  # a call for so many rows is worth it; so many calls keep many cores busy
 TURNED_ROWS = 100_000  # rows from which other axes are worth the 0.03 s of their own kernel
 
@@ -64,7 +65,7 @@ class Pass:
         Compiled loops work on all cores; threads of short NumPy steps wait for the interpreter longer than they gain.
         """
         work, rows = self.work(), len(self.view)
-        size = min(range_rows(rows), RANGE_ROWS) if work.compiled else RANGE_ROWS
+        size = min(range_rows(rows), RANGE_ROWS) if work.compiled else rows_held(work.kernel)
         spans = [slice(k, k + size) for k in range(0, rows, size)] or [slice(0)]
         jobs = [partial(work.sums, span) for span in spans]
         parts = parallel_map(jobs) if work.compiled else (job() for job in jobs)
@@ -297,6 +298,12 @@ class _Directed(_Alike):
         own = products.sums
         square = float(own[-1, -1])
         return Sums(own[:-1, :-1], own[:-1, -1].copy(), square, 0, products.length, products.longest)
+
+
+def rows_held(kernel: Kernel) -> int:
+    """Rows of a range of steps in NumPy: fewer where a block would hold more than `HELD_BYTES` of functions."""
+    held = HELD_BYTES // (8 * (kernel.n_functions + kernel.tape.registers))
+    return RANGE_ROWS if held >= KERNEL_BLOCK_ROWS else max(FEWEST_ROWS, held)
 
 
 def range_rows(rows: int) -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from identification.results.analysis import Analysis
 from identification.results.results_folder import ResultsFolder
+from identification.runtime.memory import give_back
 from identification.runtime.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -178,6 +179,7 @@ class FitResult:
         """
         out = folder if isinstance(folder, ResultsFolder) else ResultsFolder(Path(folder))
         out.check()
+        give_back()
         with out.replaced() as part:
             with progress("Writing tables"):
                 self._write(part)

@@ -33,7 +33,7 @@ from identification.uncertainty.reading_prediction import rigid_parts
 COVERAGE_PROBABILITY = 0.95  # of the expanded uncertainty: convention
 WORST_POSE_CANDIDATES = 400  # random poses, half of them corners at most, among which the worst prediction is sought
 FORM_ERROR_SIGMA = 3.0  # standard deviations by which held-out variance must exceed the noise's: convention
-DESIGN_CHUNK_ROWS = 4000  # rows whose M is held at a time: limits the memory
+DESIGN_CHUNK_ROWS = 1000  # rows whose M is held at a time: limits the memory
 SENSITIVITY_STEP = 1e-4  # finite difference of a temperature (K) or load channel; lengths and angles use 1e-3 mm, rad
 UNIDENTIFIED_LINE = "parameters that the survey does not identify"  # name of a line
 LEAST_VARIANCE_SHARE = 0.01  # of the fit's variance, above which the unexplained rest gets its own line; by judgement

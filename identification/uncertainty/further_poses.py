@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 FURTHER_POSES = 10  # number of additional poses that are evaluated
 FURTHER_POSE_CANDIDATES = 400  # random poses from which the best are chosen: limits the time
-LEVERAGE_BLOCK_ROWS = 4000  # rows whose M is held at a time: limits the memory
+LEVERAGE_BLOCK_ROWS = 1000  # rows whose M is held at a time: limits the memory
 
 
 @dataclass(frozen=True)
