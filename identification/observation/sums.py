@@ -19,7 +19,7 @@ from identification.runtime.parallel import parallel_map
 
 Selector = tuple[Index, Array]
 RANGE_ROWS = 1 << 17  # rows at most whose sums are taken one after the other, and then added to those of other ranges
-HELD_BYTES, FEWEST_ROWS = 40_000_000, 512  # of the functions of a block; a call for so many rows is worth it in any case
+HELD_BYTES, FEWEST_ROWS = 40_000_000, 512  # of the functions of a block; rows for which a call is worth it
 SHORTEST_ROWS, RANGES = 1 << 14, 16  # a call for so many rows is worth it; so many calls keep many cores busy
 TURNED_ROWS = 100_000  # rows from which other axes are worth the 0.03 s of their own kernel
 

@@ -21,8 +21,6 @@ from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.blocks import Vectors
 from identification.diagnosis.search.candidates import Candidates, score_of
 from identification.diagnosis.search.filtered_models import FromBasis, FromProducts
-from identification.diagnosis.search.model import EffectModel, at_its_noise
-from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import fit_machine
 from identification.estimation.noise import Noise
 
@@ -103,21 +101,6 @@ def test_principal_components_of_random_effects_have_their_covariance(linear: Li
         assert len(columns) == len(sizes) <= len(whole)
         covariance = whole.T @ whole
         np.testing.assert_allclose(columns.T @ columns, covariance, atol=1e-7 * np.abs(covariance).max())
-
-
-def test_random_effects_are_shrunk_by_the_noise_that_a_model_leaves(linear: LinearModel, some: list[Effect]) -> None:
-    curve = next(e for e in some if e.random).model_copy(update={"size": 0.01})
-    noise = linear.square / linear.freedom
-    quiet, loud = (linear.at_noise(share * noise).with_effect(curve) for share in (0.01, 1.0))
-    np.testing.assert_allclose(quiet.holds[0], 0.1 * loud.holds[0])
-    assert quiet.square < loud.square
-    steps = [Step(curve, 0.0, 0.0, 0.0)]
-    loud_model = EffectModel(
-        linear.at_noise(100 * noise), linear.at_noise(100 * noise).with_effect(curve), tuple(steps)
-    )
-    again = at_its_noise(loud_model)
-    assert again.linear.square < loud_model.linear.square
-    assert at_its_noise(again) is again
 
 
 def test_one_effect_has_the_score_that_it_has_in_a_list(linear: LinearModel, some: list[Effect]) -> None:

@@ -19,7 +19,7 @@ from identification.diagnosis.search.criteria import (
     heldout_rms,
     one_sensor,
 )
-from identification.diagnosis.search.scoring import CLEARLY, DETECT, FORM, Step, accepted, choose
+from identification.diagnosis.search.scoring import CLEARLY, DETECT, Step, accepted, choose
 from tests.helpers.chains import Array
 
 ROWS = 48
@@ -116,35 +116,6 @@ def test_a_form_must_have_clearly_more_evidence_than_a_name() -> None:
     form = step(50.0, 100.0, form=True)
     assert chosen(step(50.0 - CLEARLY, 1.0), form)
     assert not chosen(step(49.9 - CLEARLY, 1.0), form)
-
-
-BEHIND = 30.0  # nats of evidence: the form is clearly ahead, what follows decides
-DECIDES = {  # the criterion: a name that it admits, one that differs in that alone and that it refuses, and the form
-    "what it explains": (
-        step(BEHIND, 100 * FORM + 0.1),
-        step(BEHIND, 100 * FORM - 0.1),
-        step(50.0, 100.0, form=True),
-    ),
-    "parameters that are not idle": (
-        step(BEHIND, 104.0, count=3),
-        step(BEHIND, 103.9, count=3),
-        step(50.0, 100.0, form=True, count=1),
-    ),
-}
-
-
-@pytest.mark.parametrize("criterion", DECIDES)
-def test_a_name_that_explains_as_much_as_a_form_is_chosen(criterion: str) -> None:
-    admitted, refused, form = DECIDES[criterion]
-    assert chosen(admitted, form)
-    assert not chosen(refused, form)
-
-
-def test_what_bends_may_be_explained_by_what_bends() -> None:
-    """Of a form with more than two parameters neither the bend of the name nor the cause is asked for."""
-    form = step(50.0, 100.0, form=True, count=3, drivers=("load",))
-    assert chosen(step(BEHIND, 90.0, delta_chi2_of_form=50.0), form)
-    assert not chosen(step(BEHIND, 84.0, delta_chi2_of_form=50.0), form)
 
 
 def test_all_effects_are_equally_likely_beforehand_wherever_they_may_be(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from identification.diagnosis.search.scoring import LEAST_EVIDENCE
 
 Place = tuple[str, str]  # effect and where
 SCORES = ("candidate-score", "optimised-score")
-PREFERENCES = ("near-tie", "most-evidence", "empirical-lead", "explains-as-much", "idle-parameters")
+PREFERENCES = ("near-tie", "most-evidence", "empirical-lead")
 ACCEPTED_BY = ("cross-validation", "second-sensor")  # rules that make something part of a finding
 FOUND, DATA_CHECK = "found", "found by a check of the data"
 ALTERNATIVE, MERGED, CONTRADICTED, TAKEN_OUT = "alternative", "part of a finding", "contradicted", "taken out"

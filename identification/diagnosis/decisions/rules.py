@@ -152,13 +152,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "empirical-lead": Rule(
             SELECTION, EVIDENCE, "An empirical term must lead the best named effect clearly.", _in(_SCORING, "CLEARLY")
         ),
-        "explains-as-much": Rule(
-            SELECTION, DELTA, "A named effect that explains nearly as much as an empirical term comes before it.",
-            _in(_SCORING, "FORM"),
-        ),
-        "idle-parameters": Rule(
-            SELECTION, "delta chi-squared", "Parameters that the empirical term does without must gain something.",
-        ),
         "preference": Rule(SELECTION, EVIDENCE, "The candidate that is tested for acceptance, by the rules before."),
         "two-causes": Rule(
             SELECTION, DELTA,
@@ -228,10 +221,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "unmoved": Rule(
             SELECTION, SHARE, "What is fitted of a finding has hardly changed since it was last compared with others.",
             _in(_FORWARD, "UNMOVED"),
-        ),
-        "shrunk-anew": Rule(
-            SELECTION, RATIO, "Curves are shrunk by the noise that is left where most of what it was is explained.",
-            _in("search.model", "MUCH"),
         ),
         "seen-before": Rule(SELECTION, "", "A renaming that leads back to an earlier model is not made."),
         "superfluous": Rule(

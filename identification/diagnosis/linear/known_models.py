@@ -77,10 +77,9 @@ class Known:
 
 @dataclass(frozen=True)
 class Lineage:
-    """How a linear model was made of a first one: by which effects in turn, and at which noise (`LinearModel`)."""
+    """How a linear model was made of a first one: by which effects in turn."""
 
     effects: tuple[Effect, ...] = ()
-    noise: float | None = None
     known: Known = field(default_factory=Known, compare=False, repr=False)
 
     def further(self, effect: Effect) -> Lineage:

@@ -46,7 +46,6 @@ class LinearModel:
     rows : the rows of the survey that the observations are of; None where these have two poses.
     plain : observations and ties, and columns of the basis, before the effects of the lineage; None: it has none.
     holds : of each of these effects, the weights (k,) of the equations that tie its parameters to zero; none: (0,).
-    noise : variance by which random effects are shrunk; None: what each leaves when it is added.
     """
 
     chain: Chain
@@ -62,7 +61,6 @@ class LinearModel:
     rows: SurveyRows | None = None
     plain: tuple[int, ...] | None = None
     holds: tuple[Array, ...] = ()
-    noise: float | None = None
 
     @property
     def size(self) -> int:
@@ -245,11 +243,6 @@ class LinearModel:
         lineage = self.lineage and replace(self.lineage, known=self.lineage.known.copy())
         return replace(self, lineage=lineage)
 
-    def at_noise(self, noise: float) -> LinearModel:
-        """The model without effects, for random effects that are shrunk by some noise variance."""
-        lineage = self.lineage and Lineage((), noise, self.lineage.known.of_columns())
-        return replace(self, noise=noise, lineage=lineage)
-
     def of_residual(self, residual: Array) -> LinearModel:
         """The same for another residual."""
         of_columns = self.lineage and replace(self.lineage, known=self.lineage.known.of_columns())
@@ -291,10 +284,8 @@ class LinearModel:
         """
         if not effect.random:
             return np.zeros(len(size))
-        if (noise := self.noise) is None:
-            random = RandomEffects.of(columns, self.basis, self.residual, self.freedom, inner)
-            noise = random.noise(float(size[0]))
-        return np.asarray(np.sqrt(noise) / size)
+        random = RandomEffects.of(columns, self.basis, self.residual, self.freedom, inner)
+        return np.asarray(np.sqrt(random.noise(float(size[0]))) / size)
 
     def estimates(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
         """Columns (k, N + ties) of some effects together, and their parameters (k,) as the data have them."""

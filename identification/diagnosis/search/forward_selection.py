@@ -22,7 +22,6 @@ from identification.diagnosis.search.conditional_evidence import MOST_ALTERNATIV
 from identification.diagnosis.search.criteria import base_channels, heldout_rms, log_likelihood_gain
 from identification.diagnosis.search.model import (
     EffectModel,
-    at_its_noise,
     fitted_of_groups,
     log_posterior,
     of_groups,
@@ -92,7 +91,7 @@ def forward_select(
         if further is None:
             break
         added = further.steps[len(model.steps) :]
-        model = at_its_noise(switched(add_second_sensor(further, candidates, log), log), log)
+        model = switched(add_second_sensor(further, candidates, log), log)
         for step in added:
             if step.parent is None:
                 candidates = candidates.joined(Candidates.of(linear, list(forms(linear, step.effect))))

@@ -113,14 +113,14 @@ def begun_with(kept: Latest, lineage: Lineage | None) -> tuple[list[Array], int]
     """
     if lineage is None:
         return None
-    begun = (kept.find((lineage.effects[:count], lineage.noise)) for count in range(len(lineage.effects), 0, -1))
+    begun = (kept.find(lineage.effects[:count]) for count in range(len(lineage.effects), 0, -1))
     return next((found for found in begun if found is not None), None)
 
 
 def keep_begun(kept: Latest, lineage: Lineage | None, grams: list[Array], columns: int) -> None:
     """Keep these for models that begin with the same effects: only what later ones take is to be computed then."""
     if lineage is not None:
-        kept.keep((lineage.effects, lineage.noise), (grams, columns), sum(g.nbytes for g in grams))
+        kept.keep(lineage.effects, (grams, columns), sum(g.nbytes for g in grams))
 
 
 def _without_geometry(linear: LinearModel, effect: Effect, size: int, rank: int) -> Array:

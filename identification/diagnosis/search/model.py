@@ -8,13 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from errormodel.arrays import Array
-from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.blocks import NOTHING
 from identification.diagnosis.search.scoring import Step
 
-MUCH = 2.0  # times the noise that is left: noise by which random effects are not to be shrunk, by judgement
 ROUNDED = 1e-12  # of a column's length squared
 
 
@@ -70,21 +68,6 @@ def steps_of(groups: Iterable[Sequence[Step]]) -> list[Step]:
         for step in (replace(main, parent=None), *(replace(s, parent=number) for s in more)):
             own += _with_partner(step, len(own))
     return own
-
-
-def at_its_noise(model: EffectModel, log: DecisionLog = UNRECORDED) -> EffectModel:
-    """The model with random effects shrunk by the noise that it leaves, where most of what it was has been explained.
-
-    Each was added while the later ones were part of the noise, and shrunk by that; what it then leaves would look like
-    another effect of its kind.
-    """
-    noise = model.linear.square / model.linear.freedom
-    holds = zip(model.steps, model.linear.holds[len(model.start.holds) :], strict=True)
-    taken = [(hold[0] * model.start.columns(s.effect)[1][0]) ** 2 for s, hold in holds if len(hold)]
-    if (most := max(taken, default=0.0)) < MUCH * noise:
-        return model
-    log.add("shrunk-anew", "found", "curves", ratio(most, noise), MUCH)
-    return replayed(model.start.at_noise(noise), model.steps)
 
 
 def fitted_of_groups(model: EffectModel) -> list[Array]:

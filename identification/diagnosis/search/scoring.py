@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.effects.base import Effect
-from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, ratio
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 
@@ -70,7 +70,7 @@ class Step:
 
 
 def choose(linear: LinearModel, steps: Sequence[Step], log: DecisionLog = UNRECORDED) -> Step:
-    """The likeliest named effect, unless an empirical term has more evidence, or as much with fewer parameters."""
+    """The likeliest named effect, unless an empirical term has clearly more evidence."""
     ranked = sorted(steps, key=lambda s: -s.evidence)
     forms = [s for s in ranked if s.effect.empirical]
     names = _names(linear, [s for s in ranked if not s.effect.empirical], log)
@@ -80,19 +80,7 @@ def choose(linear: LinearModel, steps: Sequence[Step], log: DecisionLog = UNRECO
             log.add("empirical-lead", "set aside", forms[0].effect, lead, CLEARLY, beside=names[0].effect)
         return _preferred(names[0], [*forms, *names[1:], names[0]][0], log)
 
-    def explains_as_much(name: Step) -> bool:
-        idle = name.count - forms[0].count  # parameters that the name has and the form does without
-        share = ratio(name.delta_chi2, forms[0].delta_chi2)
-        as_much = share >= FORM
-        worth = idle <= 1 or name.delta_chi2 - forms[0].delta_chi2 >= 2 * idle
-        word: Outcome = "accepted" if as_much else "set aside"
-        log.add("explains-as-much", word, name.effect, share, FORM, beside=forms[0].effect)
-        if as_much and not worth:
-            more = name.delta_chi2 - forms[0].delta_chi2
-            log.add("idle-parameters", "set aside", name.effect, more, 2.0 * idle, beside=forms[0].effect)
-        return as_much and worth
-
-    return _preferred(next(filter(explains_as_much, names), forms[0]), forms[0], log)
+    return _preferred(forms[0], forms[0], log)
 
 
 def _preferred(step: Step, other: Step, log: DecisionLog) -> Step:
