@@ -5,10 +5,13 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import sys
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from controller_pages import controller, controllers, targets
@@ -95,12 +98,16 @@ def decision_rules() -> Iterator[str]:
     """Every rule that decides in a diagnosis, by stage, with the constants of its thresholds."""
     from importlib import import_module
 
+    from identification.diagnosis.decisions import constants
     from identification.diagnosis.decisions.rules import RULES
     from identification.diagnosis.decisions.stages import STAGES
 
     yield "# Rules of the diagnosis"
     yield ""
-    yield "The names stand in `decisions.csv` and in what `errormodel explain` prints. Constants are the program's."
+    yield "The names stand in `decisions.csv` and in what `errormodel explain` prints."
+    yield from ("", "## Constants that decide", "")
+    whys = docstrings(constants)
+    yield from table(("constant", "value", "derivation or calibration"), [(f"`{n}`", v, why) for n, v, why in whys])
     for stage, what in STAGES.items():
         rows = []
         for name, rule in RULES.items():
@@ -113,6 +120,19 @@ def decision_rules() -> Iterator[str]:
                 rows.append((f"`{name}`", rule.decides, rule.scale, "; ".join(values)))
         yield from ("", f"## {stage.capitalize()}", "", f"{what[0].upper()}{what[1:]}.", "")
         yield from table(("rule", "what it decides", "scale of its value", "constants"), rows)
+
+
+def docstrings(module: ModuleType) -> Iterator[tuple[str, object, str]]:
+    """Each constant of a module with its value, and the string that follows it."""
+    body = ast.parse(inspect.getsource(module)).body
+    for one, following in pairwise(body):
+        if (
+            isinstance(one, ast.Assign)
+            and isinstance(following, ast.Expr)
+            and isinstance(following.value, ast.Constant)
+        ):
+            for name in (n.id for n in ast.walk(one.targets[0]) if isinstance(n, ast.Name)):
+                yield name, getattr(module, name), " ".join(str(following.value.value).split())
 
 
 def instruments() -> Iterator[str]:

@@ -12,6 +12,7 @@ from errormodel.effects.base import Effect
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.first_approach import likelier_sides
+from identification.diagnosis.decisions.constants import NO_WORSE
 from identification.diagnosis.decisions.log import DecisionLog, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.of_fit import LEAST_RUN, MOST_ROWS, set_up, unused_runs
@@ -30,7 +31,7 @@ from identification.diagnosis.search.criteria import base_channels
 from identification.diagnosis.search.forward_selection import forward_select
 from identification.diagnosis.search.instrument_noise import line_of_sight, tracker_noise
 from identification.diagnosis.search.model import EffectModel, of_groups
-from identification.diagnosis.search.model_comparison import NO_WORSE, compare_alternatives
+from identification.diagnosis.search.model_comparison import compare_alternatives
 from identification.diagnosis.search.proposals import enough_rows, proposed
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit

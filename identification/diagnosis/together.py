@@ -13,10 +13,11 @@ from errormodel.effects import registry
 from errormodel.effects.base import axis_motion
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
+from identification.diagnosis.decisions.constants import EVEN
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.motions_as_points import Carried
 from identification.diagnosis.results.diagnosed import Diagnosed
-from identification.diagnosis.results.findings import EVEN, Alternative, Diagnosis, Finding, Untestable
+from identification.diagnosis.results.findings import Alternative, Diagnosis, Finding, Untestable
 from identification.diagnosis.results.model_discrepancy import with_form
 from identification.diagnosis.search.candidates import WIDEST
 from identification.estimation.fit import fit_machine

@@ -14,8 +14,9 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
+from identification.diagnosis.decisions.constants import ABSORBED
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.search.candidates import ABSORBED, Candidates
+from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.scoring import DETECT
 
 POWER_QUANTILE = 1.645  # normal quantile of the power: 95 %, by convention

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from identification.diagnosis.decisions.constants import LEAST_EVIDENCE
 from identification.diagnosis.decisions.fates import (
     ALTERNATIVE,
     BEHIND,
@@ -24,7 +25,6 @@ from identification.diagnosis.decisions.fates import (
     Place,
 )
 from identification.diagnosis.decisions.log import Decision
-from identification.diagnosis.search.scoring import LEAST_EVIDENCE
 from identification.plots import style
 
 ROW_IN, LABEL_IN, REASON_IN = 0.19, 2.2, 3.0  # inches: height of a row, widths of the texts beside the panel

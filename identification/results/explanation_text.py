@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from identification.diagnosis.decisions.constants import LEAST_EVIDENCE
 from identification.diagnosis.decisions.fates import (
     ABSENT,
     ACCEPTED_BY,
@@ -27,7 +28,6 @@ from identification.diagnosis.decisions.log import Decision
 from identification.diagnosis.decisions.rule import COUNT
 from identification.diagnosis.decisions.rules import RULES
 from identification.diagnosis.decisions.stages import CONDITIONAL, NAMES, PROPOSALS, SELECTION, STAGES, UNTESTABLE
-from identification.diagnosis.search.scoring import LEAST_EVIDENCE
 from identification.results.terminal import table_lines
 
 SHOWN, SHOWN_ASIDE = 6, 10  # candidates of a list, the first of many; those that a finding was preferred to

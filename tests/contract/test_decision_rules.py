@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from identification.diagnosis.decisions import constants
 from identification.diagnosis.decisions.rules import RULES
 from identification.diagnosis.decisions.stages import STAGES
 
@@ -63,3 +64,23 @@ def test_a_rule_says_what_it_decides(name: str) -> None:
 
 def test_the_stages_are_in_the_order_of_the_registry() -> None:
     assert list(dict.fromkeys(rule.stage for rule in RULES.values())) == list(STAGES)
+
+
+MOST_CONSTANTS = 25  # of those that decide; limits of work, and those of fits, are beside their code
+
+
+def test_each_constant_that_decides_says_why_and_is_named_by_a_rule() -> None:
+    """The table of the constants: a string after each is its derivation or its calibration."""
+    tree = ast.parse(Path(constants.__file__ or "").read_text(encoding="utf-8"))
+    first = next(k for k, node in enumerate(tree.body) if isinstance(node, ast.Assign))
+    names = set[str]()
+    for one, why in zip(tree.body[first::2], tree.body[first + 1 :: 2], strict=True):
+        assert isinstance(one, ast.Assign)
+        assert isinstance(one.targets[0], ast.Name)
+        assert isinstance(why, ast.Expr)
+        assert isinstance(why.value, ast.Constant)
+        assert len(str(why.value.value)) > 40
+        names.add(one.targets[0].id)
+    named = {c.rpartition(".")[2] for rule in RULES.values() for c in rule.constants if ".constants." in f".{c}"}
+    assert names == named
+    assert len(names) <= MOST_CONSTANTS

@@ -23,12 +23,13 @@ from errormodel.observations import registry
 from errormodel.observations.base import Observation
 from errormodel.simulation_readings import readings_at
 from errormodel.truth import Truth
+from identification.diagnosis.decisions.constants import ABSORBED
 from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.linear.row_residuals import METRE, noise_mm, spread, vectors
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.diagnosed import Diagnosed
 from identification.diagnosis.results.pure_error import repeats_of
-from identification.diagnosis.search.candidates import ABSORBED, Candidates
+from identification.diagnosis.search.candidates import Candidates
 from identification.estimation.fit import fit_machine
 from identification.observation.assembly import build
 from identification.observation.normal_equations import design_rows

@@ -10,6 +10,7 @@ from scipy.linalg import subspace_angles
 
 from errormodel.effects import make
 from errormodel.machine import EffectSpec
+from identification.diagnosis.decisions.constants import CLEARLY
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import scoring
 from identification.diagnosis.search.criteria import (
@@ -19,7 +20,7 @@ from identification.diagnosis.search.criteria import (
     heldout_rms,
     one_sensor,
 )
-from identification.diagnosis.search.scoring import CLEARLY, DETECT, Step, accepted, choose
+from identification.diagnosis.search.scoring import DETECT, Step, accepted, choose
 from tests.helpers.chains import Array
 
 ROWS = 48

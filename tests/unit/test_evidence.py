@@ -9,10 +9,11 @@ import pytest
 from scipy.linalg import block_diag
 from scipy.special import logsumexp
 
+from identification.diagnosis.decisions.constants import SIZES
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.random_effects import RandomEffects
 from identification.diagnosis.search import correlated_noise as coloured
-from identification.diagnosis.search.candidates import SIZES, Block, Candidates
+from identification.diagnosis.search.candidates import Block, Candidates
 from identification.estimation.noise import noises
 from tests.helpers.chains import Array
 

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from identification.diagnosis.decisions.constants import LEAST_EVIDENCE
 from identification.diagnosis.decisions.log import MAIN, Decision
 from identification.diagnosis.decisions.rules import RULES
 from identification.diagnosis.decisions.stages import PROPOSALS, SELECTION, UNTESTABLE, WITNESSES
-from identification.diagnosis.search.scoring import LEAST_EVIDENCE
 
 Place = tuple[str, str]  # effect and where
 SCORES = ("candidate-score", "optimised-score")

@@ -29,6 +29,11 @@ class Rule(NamedTuple):
     constants: tuple[str, ...] = ()
 
 
+def decided(*names: str) -> tuple[str, ...]:
+    """Constants of the one table (`decisions.constants`), as a rule names them."""
+    return in_module("decisions.constants", *names)
+
+
 def in_module(module: str, *names: str) -> tuple[str, ...]:
     """Constants of one module, as a rule names them."""
     return tuple(f"{module}.{name}" for name in names)

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from identification.diagnosis.decisions.rule import COUNT, DELTA, ERRORS, EVIDENCE, RATIO, SHARE, Rule
+from identification.diagnosis.decisions.rule import decided as _decided
 from identification.diagnosis.decisions.rule import in_module as _in
 from identification.diagnosis.decisions.stages import (
     COMPARISON,
@@ -124,81 +125,80 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "collinear-with-geometry": Rule(
             PROPOSALS, SHARE, "A candidate of which the geometry leaves no direction has no score.",
-            _in("search.candidates", "ABSORBED", "FORM_ABSORBED"),
+            _decided("ABSORBED", "FORM_ABSORBED"),
         ),
         # ---- forward selection
         "candidate-score": Rule(
             SELECTION, EVIDENCE, "The best candidates of a round are examined, and the best of each name near them.",
-            _in(_FORWARD, "LIKELY") + _in("search.shape_fit", "MAYBE") + _in("search.candidates", "SIZES"),
+            _decided("SIZES") + _in(_FORWARD, "LIKELY") + _in("search.shape_fit", "MAYBE"),
         ),
         "least-evidence": Rule(
             SELECTION, EVIDENCE,
             "Where no candidate has as much evidence the search ends.",
-            _in(_SCORING, "LEAST_EVIDENCE")
+            _decided("LEAST_EVIDENCE")
         ),
         "optimised-score": Rule(
             SELECTION, EVIDENCE,
             "A candidate's shape is moved to where it fits best, and a discrepancy from its textbook form allowed.",
-            _in(_REFINED, "DEPARTURES"),
+            _decided("DEPARTURES"),
         ),
         "near-tie": Rule(
             SELECTION, EVIDENCE,
             "Named effects near the best one, also in correlated noise, by evidence over the number of their places.",
-            _in(_SCORING, "CLEARLY", "NEAR"),
+            _decided("CLEARLY", "NEAR"),
         ),
         "most-evidence": Rule(
             SELECTION, EVIDENCE, "Of the near-ties that are left, that with most evidence in correlated noise is first."
         ),
         "empirical-lead": Rule(
-            SELECTION, EVIDENCE, "An empirical term must lead the best named effect clearly.", _in(_SCORING, "CLEARLY")
+            SELECTION, EVIDENCE, "An empirical term must lead the best named effect clearly.", _decided("CLEARLY")
         ),
         "preference": Rule(SELECTION, EVIDENCE, "The candidate that is tested for acceptance, by the rules before."),
         "two-causes": Rule(
             SELECTION, DELTA,
             "A thermal effect with two sensors or lags that explains as much comes before an empirical term.",
-            _in(_SCORING, "FORM", "LEAST_EVIDENCE"),
+            _decided("NEAR", "LEAST_EVIDENCE"),
         ),
         "refinement-first": Rule(
             SELECTION, EVIDENCE,
             "What may be a refinement of a finding is tried before a new finding.",
-            _in(_FORWARD, "NEAR_BEST")
+            _decided("MUCH")
         ),
         "same-motion-and-driver": Rule(
             SELECTION, "", "What moves the same by the same driver is a refinement of that finding.",
-            _in(_REFINED, "DISTINCT", "OWN"),
+            _decided("MUCH") + _in(_REFINED, "DISTINCT"),
         ),
         "like-contribution": Rule(
             SELECTION, "canonical correlation", "What does nearly the same to the rows as a finding refines it.",
-            _in(_REFINED, "ALIKE", "OWN"),
+            _decided("ALIKE", "MUCH"),
         ),
         "remainder-of-surface": Rule(
             SELECTION, "", "What follows one driver of an empirical form over two refines that form."
         ),
         "left-over": Rule(
             SELECTION, DELTA, "What explains little of a finding at its place by its drivers is left over from it.",
-            _in(_REFINED, "LEFT"),
+            _decided("LITTLE"),
         ),
         "detection": Rule(
-            SELECTION, EVIDENCE, "The evidence less the trials factor must be clear.", _in(_SCORING, "DECISIVE_ODDS")
+            SELECTION, EVIDENCE, "The evidence less the trials factor must be clear.", _decided("DECISIVE_ODDS")
         ),
         "detection-in-correlated-noise": Rule(
             SELECTION, EVIDENCE, "The same less what correlated noise and the discrepancy would explain as well.",
-            _in(_SCORING, "DECISIVE_ODDS") + _in("search.correlated_noise", "WHITE", "LONGEST", "PART", "LARGEST"),
+            _decided("DECISIVE_ODDS", "EVEN", "NOISE"),
         ),
         "share-of-findings": Rule(
             SELECTION, DELTA,
             "What is a small part of what is explained already may be a discrepancy of it, and is no finding.",
-            _in(_FORWARD, "LEAK"),
+            _decided("LITTLE"),
         ),
-        "most-findings": Rule(SELECTION, COUNT, "No more findings than this.", _in(_FORWARD, "MOST_FINDINGS")),
         "most-steps": Rule(SELECTION, COUNT, "No more effects than this.", _in(_FORWARD, "MOST_STEPS")),
         "refinement-below-detection": Rule(
             SELECTION, EVIDENCE, "Below the level of a finding, the best refinement of one is tried.",
-            _in(_SCORING, "LEAST_EVIDENCE"),
+            _decided("LEAST_EVIDENCE"),
         ),
         "competing-refinement": Rule(
             SELECTION, EVIDENCE, "Refinements of one finding with enough evidence compete by cross-validation.",
-            _in(_FORWARD, "COMPETES", "MOST_COMPETING"),
+            _decided("MUCH") + _in(_FORWARD, "MOST_COMPETING"),
         ),
         "cross-validation": Rule(
             SELECTION, ERRORS, "Blocks of rows must be predicted better with the effect than without it."
@@ -208,32 +208,32 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "second-sensor": Rule(
             SELECTION, EVIDENCE, "A second sensor or lag is added where it has evidence and predicts better.",
-            _in(_SCORING, "LEAST_EVIDENCE"),
+            _decided("LEAST_EVIDENCE"),
         ),
         "step-function": Rule(
             SELECTION, "log evidence (Schwarz)",
             "An empirical form becomes a step function where that explains clearly more.",
-            _in(_SCORING, "CLEARLY"),
+            _decided("CLEARLY"),
         ),
         "reselection": Rule(
             SELECTION, EVIDENCE, "A finding is named again, or left out, where the whole model has more evidence so.",
         ),
         "unmoved": Rule(
             SELECTION, SHARE, "What is fitted of a finding has hardly changed since it was last compared with others.",
-            _in(_FORWARD, "UNMOVED"),
+            _decided("NEAR"),
         ),
         "seen-before": Rule(SELECTION, "", "A renaming that leads back to an earlier model is not made."),
         "superfluous": Rule(
             SELECTION, EVIDENCE, "A finding is taken out that is not clear beside later ones.",
-            _in(_FORWARD, "SHAPES_TRIED") + _in(_SCORING, "DECISIVE_ODDS"),
+            _decided("DECISIVE_ODDS"),
         ),
         "superfluous-by-cross-validation": Rule(
-            SELECTION, ERRORS, "It stays where blocks of rows are predicted worse without it.", _in(_FORWARD, "HARDLY")
+            SELECTION, ERRORS, "It stays where blocks of rows are predicted worse without it.", _decided("NO_WORSE")
         ),
         # ---- model comparison
         "strong-alternative": Rule(
             COMPARISON, EVIDENCE, "The search is repeated from an alternative whose evidence is no further behind.",
-            _in(_COMPARED, "MOST_ALTERNATIVES") + _in(_SCORING, "LEAST_EVIDENCE", "NEAR"),
+            _decided("LEAST_EVIDENCE", "NEAR") + _in(_COMPARED, "MOST_ALTERNATIVES"),
         ),
         "most-searches": Rule(
             COMPARISON, COUNT, "Searches begin with no more steps in all, but for the first one.",
@@ -242,59 +242,59 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "second-cause": Rule(
             COMPARISON, EVIDENCE,
             "It is repeated with a second cause where refinements of a finding have much evidence.",
-            _in(_COMPARED, "SLIGHT") + _in(_SCORING, "LEAST_EVIDENCE") + _in(_REFINED, "OWN"),
+            _decided("LITTLE", "LEAST_EVIDENCE", "MUCH"),
         ),
         "search-from": Rule(COMPARISON, "", "An effect that a repeated search begins with."),
         "model-evidence": Rule(
             COMPARISON, "log evidence",
             "Another model is kept if its evidence and prior are more; near-ties rest less on empirical terms.",
-            _in(_SCORING, "CLEARLY"),
+            _decided("CLEARLY"),
         ),
         "model-cross-validation": Rule(
-            COMPARISON, ERRORS, "It must predict blocks of rows no worse.", _in(_COMPARED, "NO_WORSE")
+            COMPARISON, ERRORS, "It must predict blocks of rows no worse.", _decided("NO_WORSE")
         ),
         "prediction-made-worse": Rule(
             COMPARISON, ERRORS, "A finding with which the machine predicts rows left out worse than plain is left out.",
-            _in(_COMPARED, "NO_WORSE"),
+            _decided("NO_WORSE"),
         ),
         # ---- evidence beside the other findings
         "conditional-evidence": Rule(
             CONDITIONAL, EVIDENCE, "A finding and its alternatives, each beside all other findings.",
-            _in("search.conditional_evidence", "MOST_ALTERNATIVES_TRIED"),
+            _in("search.conditional_evidence", "MOST_EXAMINED"),
         ),
         "evidence-in-correlated-noise": Rule(
             CONDITIONAL, EVIDENCE, "Their evidence is no more than it is in correlated noise.",
-            _in("search.correlated_noise", "WHITE", "LONGEST", "PART", "LARGEST"),
+            _decided("EVEN", "NOISE"),
         ),
         # ---- witness channels
         "witness-supports": Rule(
             WITNESSES, "standard errors", "A sensor that shows the predicted motion clearly supports the finding.",
-            _in(_WITNESSES, "SEEN", "AGREES"),
+            _decided("SEEN", "AGREES"),
         ),
         "witness-contradicts": Rule(
             WITNESSES, "share of the predicted motion", "A sensor that certainly shows less contradicts the finding.",
-            _in(_WITNESSES, "LITTLE"),
+            _decided("MUCH"),
         ),
         "uncontradicted-alternative": Rule(
             WITNESSES, EVIDENCE,
             "It is replaced by an alternative with so much evidence that no witness contradicts.",
-            _in(_SCORING, "LEAST_EVIDENCE"),
+            _decided("LEAST_EVIDENCE"),
         ),
         # ---- probability of a name
         "name-probability": Rule(
             NAMES, "probability", "Evidence over the number of places, and prior odds, give the probability of a name.",
-            _in(_FINDINGS, "FORM_ERROR", "FORM_ODDS", "FLEXIBLE_ODDS", "CHOSEN", "UNKNOWN"),
+            _decided("FORM_ERROR", "CLEARLY", "NEAR", "FLEXIBLE_ODDS", "CHOSEN", "UNKNOWN"),
         ),
         "unlikely-name": Rule(
-            NAMES, "probability", "A name that is less likely than not is none.", _in(_FINDINGS, "EVEN"),
+            NAMES, "probability", "A name that is less likely than not is none.", _decided("EVEN"),
         ),
         "nameless-alternative": Rule(
             NAMES, EVIDENCE, "A finding has a name only if no function without one explains it better.",
-            _in("results.nameless_alternative", "NAME_ODDS") + _in(_REFINED, "DEPARTURES"),
+            _decided("NAME_ODDS", "DEPARTURES"),
         ),
         "remainder-of-name": Rule(
             NAMES, RATIO, "An effect has no name if as much is clearly left that a function without one explains.",
-            _in(_REFINED, "OWN") + _in(_SCORING, "DECISIVE_ODDS"),
+            _decided("MUCH", "DECISIVE_ODDS"),
         ),
         "physical-bound": Rule(
             NAMES, "standard uncertainties", "A parameter beyond what physics allows takes the name from a finding.",
@@ -302,16 +302,16 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "physical-size": Rule(
             NAMES, "times the usual size", "So does one that is too large for the widest of the prior distributions.",
-            _in("search.candidates", "SIZES", "WIDEST"),
+            _decided("SIZES") + _in("search.candidates", "WIDEST"),
         ),
         "distinguishable": Rule(
             NAMES, "decimal logarithm of the Bayes factor",
             "Beyond it the data distinguish an alternative from the finding.",
-            _in(_SCORING, "DECISIVE_ODDS"),
+            _decided("DECISIVE_ODDS"),
         ),
         "unresolved-name": Rule(
             NAMES, "probability", "A name is no surer than this beside one that repeats between positions.",
-            _in(_FINDINGS, "EVEN"),
+            _decided("EVEN"),
         ),
         # ---- untestable effects
         "not-recorded": Rule(
@@ -320,12 +320,12 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "hidden-by-geometry": Rule(
             UNTESTABLE, SHARE,
             "An effect that is collinear with the geometry cannot be seen.",
-            _in("search.candidates", "ABSORBED")
+            _decided("ABSORBED")
         ),
         "below-noise": Rule(
             UNTESTABLE, "expected delta chi-squared",
             "An effect of which the geometry leaves, at its usual size, less than the noise cannot be seen.",
-            _in("results.untestable", "HARDLY", "MOSTLY"),
+            _decided("NEAR", "DECISIVE_ODDS"),
         ),
         "not-in-readings": Rule(
             UNTESTABLE, "", "Lengths and angles that do not depend on what an effect moves cannot show it."
@@ -336,12 +336,12 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         # ---- verdict
         "lack-of-fit-by-repeats": Rule(
             VERDICT, "ratio of variances", "Residuals that exceed the scatter of repeated poses are unexplained.",
-            _in("results.pure_error", "LEAST_P_VALUE", "MISFIT_RATIO", "LEAST"),
+            _decided("LEAST_P_VALUE", "MISFIT_RATIO") + _in("results.pure_error", "LEAST"),
         ),
         "lack-of-fit-by-declared-uncertainty": Rule(
             VERDICT, "reduced chi-squared",
             "Without repeats, residuals that exceed the declared uncertainty are unexplained.",
-            _in("results.pure_error", "LEAST_P_VALUE", "MISFIT_RATIO"),
+            _decided("LEAST_P_VALUE", "MISFIT_RATIO"),
         ),
         "few-degrees-of-freedom": Rule(
             VERDICT, COUNT, "With few degrees of freedom left, what is left cannot be told from noise: not judged.",
@@ -349,26 +349,26 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "serial-correlation": Rule(
             VERDICT, "um", "Residuals most of which wander along the rows are unexplained.",
-            _in("results.wandering", "MOSTLY", "STEADY_UM"),
+            _decided("STEADY_UM") + _in("results.wandering", "MOST"),
         ),
         "wandering-motion": Rule(
             VERDICT, "p-value", "A motion that wanders in time more than correlated noise does is unexplained.",
-            _in("results.pure_error", "LEAST_P_VALUE"),
+            _decided("LEAST_P_VALUE"),
         ),
         "wanders-instead": Rule(
             VERDICT, EVIDENCE,
             "A finding by temperature or time is left out if its motion has clearly more evidence as one that wanders.",
-            _in(_SCORING, "DECISIVE_ODDS"),
+            _decided("DECISIVE_ODDS"),
         ),
         "wave-of-two-joints": Rule(
             VERDICT, "p-value",
             "What repeats with two joints' positions together is tried at all places, and else unexplained.",
-            _in("results.pure_error", "LEAST_P_VALUE") + _in("results.residual_dependence", "LEAST_SHARE")
+            _decided("LEAST_P_VALUE", "LEAST_SHARE")
             + _in("results.combined_waves", "LEAST_WAVES", "MOST_WAVES", "FEWEST_VALUES", "MOST_JOINTS"),
         ),
         "dependence-of-residuals": Rule(
             VERDICT, "p-value", "What is left is unexplained if one or two recorded channels predict it.",
-            _in("results.pure_error", "LEAST_P_VALUE") + _in("results.residual_dependence", "LEAST_SHARE"),
+            _decided("LEAST_P_VALUE", "LEAST_SHARE"),
         ),
     }
 )  # fmt: skip

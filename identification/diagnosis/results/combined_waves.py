@@ -20,9 +20,9 @@ from errormodel.effects.base import Effect
 from errormodel.effects.search_space.equivalent_places import places
 from errormodel.effects.unnamed import Unnamed
 from errormodel.machine import Joint
+from identification.diagnosis.decisions.constants import LEAST_P_VALUE
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.results.pure_error import LEAST_P_VALUE
 from identification.diagnosis.results.recorded_functions import Functions
 from identification.diagnosis.results.resampling import QUICK_RESAMPLES, clipped, gumbel, left, shifted, signed, thinned
 from identification.estimation.noise import series_edges

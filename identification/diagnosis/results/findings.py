@@ -13,12 +13,21 @@ from errormodel.arrays import Array
 from errormodel.effects import registry
 from errormodel.effects.axis_blunder import AxisBlunder
 from errormodel.effects.base import Effect
+from identification.diagnosis.decisions.constants import (
+    CHOSEN,
+    CLEARLY,
+    DECISIVE_ODDS,
+    FLEXIBLE_ODDS,
+    FORM_ERROR,
+    NEAR,
+    UNKNOWN,
+)
 from identification.diagnosis.decisions.log import DecisionLog, named
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.row_residuals import ReadingSizes
 from identification.diagnosis.results.effect_size import Amount
 from identification.diagnosis.results.residual_dependence import Dependence
-from identification.diagnosis.search.scoring import DECISIVE_ODDS, FORM, Step, posterior
+from identification.diagnosis.search.scoring import Step, posterior
 from identification.estimation.result import noise_bounds
 
 SCHEMA = "errormodel.diagnosis/1"
@@ -159,18 +168,9 @@ class Diagnosis:
 
 
 SEPARABLE = math.log10(DECISIVE_ODDS)  # decimal logarithm of the Bayes factor that distinguishes two explanations
-# FORM_ODDS is calibrated on findings of the proof: 389 (seeds 69069 and 271828) by their Brier score; the four
-# others on 255 findings of three simulators by other authors, by their likelihood. Fitted to two of these and tried on
-# the third: log likelihood -118 (-162 with a temper of at most 2), Brier score 0.09 (0.10).
-FORM_ERROR = 0.25  # error of a textbook form, relative to the whole of an effect, as far as it looks like another form
-FORM_ODDS = 6.0  # log prior odds of named physics against an empirical term
-FLEXIBLE_ODDS = 2.0  # log prior odds of an effect of fixed form against one that follows any smooth curve
-CHOSEN = 3.0  # log odds of the preferred step among near-ties: that with most evidence in correlated noise
-EVEN = 0.5  # probability of a name beside one that no reading could tell from it; one that is less likely is none
 CHANCE = "none"
 TINY = 1e-300
 BETTER = 0.05  # decimal logarithm of the Bayes factor from which an alternative is said to fit better
-UNKNOWN = 0.05  # odds that it is something else which no catalogue has, and which looks like the name
 
 
 def motions_of(effect: Effect, linear: LinearModel) -> list[str]:
@@ -294,8 +294,8 @@ def _tempered(one: Step, step: Step) -> float:
 
 def _odds(step: Step) -> float:
     """Log prior odds of named physics of a fixed form against this step."""
-    adaptable = step.effect.flexible or step.delta_chi2 - step.delta_chi2_of_form < FORM * step.delta_chi2
-    return FORM_ODDS if step.effect.empirical else FLEXIBLE_ODDS if adaptable else 0.0
+    adaptable = step.effect.flexible or step.delta_chi2 - step.delta_chi2_of_form < (1 - NEAR) * step.delta_chi2
+    return CLEARLY if step.effect.empirical else FLEXIBLE_ODDS if adaptable else 0.0
 
 
 def p_value_of(step: Step) -> float:

@@ -15,21 +15,18 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.effects.base import Effect
+from identification.diagnosis.decisions.constants import DEPARTURES, EVEN, MUCH, NAME_ODDS
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.results.findings import EVEN, Alternative, Finding, probability_of
+from identification.diagnosis.results.findings import Alternative, Finding, probability_of
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.physical_limits import nameless
 from identification.diagnosis.results.recorded_functions import Functions, wandering
 from identification.diagnosis.search.candidates import score_of
 from identification.diagnosis.search.criteria import base_channels
 from identification.diagnosis.search.model import EffectModel, of_groups
-from identification.diagnosis.search.refinement import DEPARTURES, OWN
 from identification.diagnosis.search.scoring import DETECT, Step
 
-# log prior odds of a name against a function without one, so that a tie is a name: of 112 right names (proof, seed
-# 24112602, and another author's simulator) the least had 0 without them, forms that are such a function themselves
-NAME_ODDS = 1.0
 # minus the log prior probability of a departure as large as the form: the exponential distribution of `DEPARTURES`
 DEPARTURE_COST = max(DEPARTURES.values()) / max(DEPARTURES)
 
@@ -53,8 +50,8 @@ def checked_alternative(
     trials = float(np.log(max(len(functions), 1)))
     # what noise that is correlated from row to row explains as well is no remainder
     if left is not None and further - trials > DETECT and evidence_in_any_noise(form, left) - trials > DETECT:
-        large = explained > OWN * own
-        log.add("remainder-of-name", "refused" if large else "kept", main, explained / own, OWN, beside=_words(left))
+        large = explained > MUCH * own
+        log.add("remainder-of-name", "refused" if large else "kept", main, explained / own, MUCH, beside=_words(left))
         if large:
             return nameless(finding, f"beside it as much is left, without a name ({_words(left)})")
     instead, _, best = best_of(without, functions)

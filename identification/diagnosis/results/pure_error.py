@@ -8,6 +8,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 from errormodel.surveys.observations import start_of
+from identification.diagnosis.decisions.constants import LEAST_P_VALUE, MISFIT_RATIO
 from identification.diagnosis.linear.row_residuals import vectors
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
@@ -16,8 +17,6 @@ from identification.observation.readings import ReadingView
 
 SAME_LENGTH, SAME_ANGLE = 0.02, 2e-5  # mm, rad: commands as near as that are one pose; the model takes out the rest
 LEAST = 10  # repeats, below which they say nothing
-LEAST_P_VALUE = 1e-3  # chance below which residuals are more than noise: one false one in 1000 surveys
-MISFIT_RATIO = 1.3  # ratio of variances from which they are
 
 
 @dataclass(frozen=True)

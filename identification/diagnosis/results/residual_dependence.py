@@ -21,12 +21,12 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 from errormodel.conventions import FRAME, MOTIONS
+from identification.diagnosis.decisions.constants import LEAST_P_VALUE, LEAST_SHARE
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.results.combined_waves import Wave
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
-from identification.diagnosis.results.pure_error import LEAST_P_VALUE
 from identification.diagnosis.results.recorded_functions import CLOCK, Functions, only, recorded
 from identification.diagnosis.results.resampling import QUICK_RESAMPLES, clipped, gumbel, left, shifted, signed, thinned
 from identification.diagnosis.search.criteria import heldout_rms
@@ -35,7 +35,6 @@ from identification.estimation.noise import Noise, likeliest, series_edges
 AT_ONCE = 1000  # functions whose statistics are kept at a time
 RESAMPLES = 199  # of each kind; the tail beyond is extrapolated
 FIRST_P_VALUE = 0.05  # of a quick look, which ends nearly all tests of noise
-LEAST_SHARE = 0.01  # of the held-out variance: what predicts less changes no prediction
 
 
 @dataclass(frozen=True)

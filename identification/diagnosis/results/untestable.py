@@ -20,18 +20,18 @@ from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Joint, joint_of
+from identification.diagnosis.decisions.constants import ABSORBED, DECISIVE_ODDS, NEAR
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.results.findings import Untestable
-from identification.diagnosis.search.candidates import ABSORBED, Scores
+from identification.diagnosis.search.candidates import Scores
 
-HARDLY = 26.0  # expected delta chi-squared: less is not accepted among some hundred places
-MOSTLY = 0.9  # of its length squared
 Variant = tuple[str, str, bool]
 ROWS = 400  # of the full survey
 
 
 def unseen(scene: Scene, scores: Scores, found: Collection[Effect], log: DecisionLog = UNRECORDED) -> list[Untestable]:
     """Untestable effects with their places, from the scores of all candidates; `found` effects are not among them."""
+    hardly = _least_accepted(len(scores.candidates.of_key))
     least: dict[Variant, tuple[float, float]] = {}
     for numbers in scores.candidates.of_key.values():
         place = variant_of(scores.candidates.effects[numbers[0]])
@@ -63,12 +63,12 @@ def unseen(scene: Scene, scores: Scores, found: Collection[Effect], log: Decisio
                 lacks = _missing(effects, scene)
                 log.add("not-recorded", "not considered", effects[0], beside=lacks)
                 reasons.setdefault(lacks, []).append(where)
-            elif expected_delta_chi2 < HARDLY and part > MOSTLY:
-                log.add("below-noise", "not considered", effects[0], float(expected_delta_chi2), HARDLY)
+            elif expected_delta_chi2 < hardly and part > 1 - NEAR:
+                log.add("below-noise", "not considered", effects[0], float(expected_delta_chi2), hardly)
                 reason = "what the geometry leaves of it at its usual size stays within the noise"
                 reasons.setdefault(reason, []).append(where)
-            elif scene.readings and expected_delta_chi2 < HARDLY:
-                log.add("below-noise", "not considered", effects[0], float(expected_delta_chi2), HARDLY)
+            elif scene.readings and expected_delta_chi2 < hardly:
+                log.add("below-noise", "not considered", effects[0], float(expected_delta_chi2), hardly)
                 reason = "at its usual size it changes what was read by less than the noise"
                 reasons.setdefault(reason, []).append(where)
             elif part > ABSORBED:
@@ -129,6 +129,12 @@ def full_scene(scene: Scene) -> Scene:
     tools = np.array([scene.machine.tool, tuple(1.5 * v + 20 for v in scene.machine.tool)])
     columns |= dict(zip(TOOL_CHANNELS, tools[np.arange(ROWS) % 2].T, strict=True))
     return replace(scene, columns=columns)
+
+
+def _least_accepted(trials: int) -> float:
+    """Delta chi-squared of one parameter whose log Bayes factor pays for the trials factor and `DECISIVE_ODDS`."""
+    paid = 2 * float(np.log(DECISIVE_ODDS * max(trials, 1)))
+    return paid + float(np.log1p(paid))
 
 
 def _missing(effects: Sequence[Effect], scene: Scene) -> str:

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from identification.diagnosis.data_checks.blunder import listed
+from identification.diagnosis.decisions.constants import LEAST_P_VALUE, MISFIT_RATIO
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.row_residuals import spread, vectors
 from identification.diagnosis.results.findings import Finding
-from identification.diagnosis.results.pure_error import LEAST_P_VALUE, MISFIT_RATIO, repeats_of, whitened
+from identification.diagnosis.results.pure_error import repeats_of, whitened
 from identification.diagnosis.results.residual_dependence import Dependence
 from identification.diagnosis.results.wandering import wandering_text
 from identification.estimation.checks import FEW_DOF

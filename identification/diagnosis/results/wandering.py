@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from identification.diagnosis.decisions.constants import STEADY_UM
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.estimation.noise import CORRELATION_LENGTHS_ROWS
 from identification.estimation.result import Fit
 
-# variance of what is correlated along the rows, over that of the rest; of 113 empty recordings by three simulators one
-# had more than 0.4. And its standard deviation, um: what good instruments do in a shop, by judgement
-MOSTLY, STEADY_UM = 1.0, 4.0
+# variance of what is correlated along the rows, over that of the rest: half of it wanders; of 113 empty recordings by
+# three simulators one had more than 0.4
+MOST = 1.0
 
 
 def wandering_um(fit: Fit, log: DecisionLog = UNRECORDED) -> float:
     """Standard deviation of what goes on from row to row in a coordinate, um; 0 where instruments do as much."""
     noise = fit.serial
-    if noise is None or noise.part < MOSTLY or noise.length <= CORRELATION_LENGTHS_ROWS[0]:
+    if noise is None or noise.part < MOST or noise.length <= CORRELATION_LENGTHS_ROWS[0]:
         return 0.0  # what only neighbouring rows share is noise of the air or of averaging
     size = 1e3 * fit.sigma_mm * float(np.sqrt(noise.part / (1 + noise.part)))
     log.add("serial-correlation", "found" if size > STEADY_UM else "passed", "residuals", size, STEADY_UM)

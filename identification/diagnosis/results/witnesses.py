@@ -21,17 +21,15 @@ from errormodel.conventions import MOTIONS, ROTATIONS, Motion
 from errormodel.effects.base import Effect, axis_motion
 from errormodel.machine import Joint, Machine
 from errormodel.units import factor, is_unit
+from identification.diagnosis.decisions.constants import AGREES, LEAST_EVIDENCE, MUCH, SEEN
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.statements import subject
 from identification.diagnosis.search.model import EffectModel, of_groups
-from identification.diagnosis.search.scoring import LEAST_EVIDENCE, Step
+from identification.diagnosis.search.scoring import Step
 
 ENCODER = re.compile(r"enc(oder)?\d*|scale|ruler", re.IGNORECASE)
 LEVEL = re.compile(r"(spirit)?level\d*|tilt|incl(inometer)?", re.IGNORECASE)
-SEEN = 6.0  # standard errors from which a witness supports a finding
-LITTLE = 0.3  # of the predicted motion: a witness that certainly shows less contradicts the finding
-AGREES = 10.0  # Bayes factor of each supporting witness
 
 Agreement = Literal["supports", "contradicts"]
 
@@ -113,7 +111,7 @@ def apply_witnesses(
             if t.word == "supports":
                 log.add("witness-supports", "kept", group[0].effect, abs(t.share) / t.error, SEEN, beside=t.name)
             else:
-                log.add("witness-contradicts", "removed", group[0].effect, t.share, LITTLE, beside=t.name)
+                log.add("witness-contradicts", "removed", group[0].effect, t.share, MUCH, beside=t.name)
         new = group
         if against:
             new = _instead(linear, group[0], seen)
@@ -156,7 +154,7 @@ def witness_result(linear: LinearModel, effects: Sequence[Effect], witness: Witn
     share, error = max(found, key=lambda f: abs(f[0]) / f[1])
     if abs(share) > SEEN * error:
         return WitnessResult(witness.name, "supports", share, error)
-    sure = sum(abs(s) + 3 * e < LITTLE for s, e in found)
+    sure = sum(abs(s) + 3 * e < MUCH for s, e in found)
     if sure == len(found):
         return WitnessResult(witness.name, "contradicts", share, error)
     return None

@@ -18,6 +18,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Mask
 from errormodel.effects.base import Effect
+from identification.diagnosis.decisions.constants import ABSORBED, FORM_ABSORBED, SIZES
 from identification.diagnosis.linear.known_models import Latest, Lineage
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.random_effects import scores_of
@@ -43,10 +44,7 @@ Scored = tuple[Array, Array, Array, Array]  # evidence, delta chi2, absorbed par
 MANY, PARTS = 1000, 4  # proposals beyond which columns are made in parallel, in so many parts
 BEGUN_BYTES = 30_000_000  # of products of projected columns that other models begin with; by judgement
 KEPT = 16  # linear models whose scores are kept; by judgement: a search returns to about as many
-SIZES = {0.1: 0.1, 0.3: 0.2, 1.0: 0.4, 3.0: 0.2, 10.0: 0.1}  # times the usual one: how often
 WIDEST = 3 * max(SIZES)  # times the usual one: standard deviation of the prior of the final fit
-ABSORBED = 0.999  # of a column's length squared: beyond it an effect is collinear with the geometry
-FORM_ABSORBED = 0.99  # the same for a form that has no size of its own
 
 
 @dataclass(frozen=True, eq=False)

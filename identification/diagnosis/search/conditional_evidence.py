@@ -12,7 +12,7 @@ from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.scoring import evidence_in_any_noise
 from identification.diagnosis.search.shape_fit import optimise_shapes, scored
 
-MOST_ALTERNATIVES_TRIED = 8  # proposals that are looked at closely beside a finding
+MOST_EXAMINED = 8  # proposals that are looked at closely beside a finding
 
 
 def conditional_scores(model: EffectModel, candidates: Candidates, log: DecisionLog = UNRECORDED) -> EffectModel:
@@ -20,7 +20,7 @@ def conditional_scores(model: EffectModel, candidates: Candidates, log: Decision
     groups = model.findings
     for k, (main, *more) in enumerate(groups):
         linear = model.without([main, *more])
-        steps = optimise_shapes(linear, candidates, MOST_ALTERNATIVES_TRIED)
+        steps = optimise_shapes(linear, candidates, MOST_EXAMINED)
         shapes = len(candidates.of_key.get(main.effect.key, [0]))
         own = scored(linear, main.effect, shapes, main.trials, main.names, main.places) or main
         marginal = max([own.evidence, *(s.evidence for s in steps if s.effect.key == main.effect.key)])

@@ -14,6 +14,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
+from identification.diagnosis.decisions.constants import EVEN, NOISE
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.random_effects import RandomEffects
 from identification.diagnosis.search.blocks import NOTHING
@@ -21,11 +22,6 @@ from identification.diagnosis.search.candidates import free_scores, random_score
 from identification.diagnosis.search.filtered_models import DependentError, FilteredModel, FromBasis, FromProducts
 from identification.diagnosis.search.weighed_products import WeighedProducts
 from identification.estimation.noise import Noise, noises, series_edges
-
-WHITE = 0.5  # prior probability of white noise
-# rows, part of the longest series (but never less than the first) and white variances: beyond them it is no noise any
-# more, but a drift with a cause
-LONGEST, PART, LARGEST = (20.0, 60.0), 1 / 15, 2.0
 
 
 def evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tuple[float, float]]:
@@ -82,7 +78,7 @@ def random_evidence(linear: LinearModel, columns: Array) -> float:
 
 def _beforehand(count: int) -> Array:
     """Prior probability of each noise model (count, 1): the first is white, the others are equally likely."""
-    return np.array([WHITE, *[(1 - WHITE) / (count - 1)] * (count - 1)])[:, None]
+    return np.array([EVEN, *[(1 - EVEN) / (count - 1)] * (count - 1)])[:, None]
 
 
 def filtered_model(linear: LinearModel, *, drifts: bool = False) -> FilteredModel:
@@ -104,5 +100,5 @@ def filtered_model(linear: LinearModel, *, drifts: bool = False) -> FilteredMode
 
 def _noises(linear: LinearModel, drifts: bool) -> list[Noise | None]:
     """White noise, and all correlated noises that either drift or do not."""
-    longest = float(np.clip(PART * np.diff(series_edges(linear.index)).max(), *LONGEST))
-    return [None, *(n for n in noises() if (n.length > longest or n.part > LARGEST) == drifts)]
+    longest = float(np.clip(NOISE.part * np.diff(series_edges(linear.index)).max(), *NOISE.rows))
+    return [None, *(n for n in noises() if (n.length > longest or n.part > NOISE.variance) == drifts)]

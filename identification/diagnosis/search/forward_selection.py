@@ -14,11 +14,12 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
+from identification.diagnosis.decisions.constants import LEAST_EVIDENCE, LITTLE, MUCH, NEAR, NO_WORSE
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, named, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import Candidates
-from identification.diagnosis.search.conditional_evidence import MOST_ALTERNATIVES_TRIED, conditional_scores
+from identification.diagnosis.search.conditional_evidence import MOST_EXAMINED, conditional_scores
 from identification.diagnosis.search.criteria import base_channels, heldout_rms, log_likelihood_gain
 from identification.diagnosis.search.model import (
     EffectModel,
@@ -29,23 +30,17 @@ from identification.diagnosis.search.model import (
     with_step,
 )
 from identification.diagnosis.search.refinement import forms, is_departure, left_over, refined, refinement_of
-from identification.diagnosis.search.scoring import DETECT, FORM, LEAST_EVIDENCE, Step, accepted, choose
+from identification.diagnosis.search.scoring import DETECT, Step, accepted, choose
 from identification.diagnosis.search.sensor_pairs import best_pair
 from identification.diagnosis.search.shape_fit import optimise_shapes
 from identification.diagnosis.search.step_functions import switched
 from identification.runtime.progress import Progress, silent
 
-LEAK = 0.06  # share of what is explained already: a smaller effect elsewhere may be a discrepancy of a finding
-NEAR_BEST = 0.7  # of the best evidence: proposals that are tried as refinements before it
-COMPETES, MOST_COMPETING = 0.3, 4  # of the best evidence: refinements of one finding that are tried beside it
-UNMOVED = 0.1  # of what was fitted of a finding: others have hardly to do with it, by judgement
-HARDLY = 1.05  # times the cross-validation error: a superfluous effect gains as much by chance
-MOST_FINDINGS = 12
+MOST_COMPETING = 4  # refinements of one finding that are tried beside the best
 MOST_STEPS = 24
-SHAPES_TRIED = 3.0  # log of the trials factor of one effect's shapes
+LIKELY = 12  # proposals that are looked at closely, to be accepted next
 SWEEPS = 4  # over all time constants
 SETTLING_ROWS = 2.0  # rows that a time constant of a clock lasts at least
-LIKELY = 12  # proposals that are looked at closely, to be accepted next
 
 Likely = tuple[list[Step], Step] | None
 
@@ -105,7 +100,7 @@ def forward_select(
             seen.add(_causes(model))
     else:
         log.add("most-steps", "refused", None, len(model.steps), MOST_STEPS)
-    model = backward_eliminate(model, log)
+    model = backward_eliminate(model, candidates, log)
     asked = least is None or log_posterior(model) > least
     return conditional_scores(model, candidates, log) if asked else model
 
@@ -114,27 +109,28 @@ def _others(groups: Sequence[Sequence[Step]], group: Sequence[Step]) -> str:
     return " ".join(named(g[0].effect) for g in groups if g is not group)
 
 
-def backward_eliminate(model: EffectModel, log: DecisionLog = UNRECORDED) -> EffectModel:
+def backward_eliminate(model: EffectModel, candidates: Candidates, log: DecisionLog = UNRECORDED) -> EffectModel:
     """The model without findings that later ones have made superfluous, the smallest first."""
     for group in sorted(model.findings, key=lambda g: g[0].delta_chi2):
         others = [g for g in model.findings if g[0] is not group[0]]
-        if others and not _accepted_beside(model.without(group), group, log):
+        if others and not _accepted_beside(model.without(group), group, candidates, log):
             fewer = of_groups(model.start, others)
             errors = heldout_rms(fewer.linear), heldout_rms(model.linear)
-            out = errors[0] < HARDLY * errors[1]
+            out = errors[0] < NO_WORSE * errors[1]
             word: Outcome = "removed" if out else "kept"
             beside = _others(model.findings, group)
-            log.add("superfluous-by-cross-validation", word, group[0].effect, ratio(*errors), HARDLY, beside=beside)
+            log.add("superfluous-by-cross-validation", word, group[0].effect, ratio(*errors), NO_WORSE, beside=beside)
             if out:
                 model = fewer
     return model
 
 
-def _accepted_beside(linear: LinearModel, group: Sequence[Step], log: DecisionLog) -> bool:
+def _accepted_beside(linear: LinearModel, group: Sequence[Step], candidates: Candidates, log: DecisionLog) -> bool:
     """Whether a finding passes the acceptance test under correlated noise, given the linear model."""
     effects = [s.effect for s in group if s.effect.random == group[0].effect.random]
     [(_, evidence)] = coloured.evidence(linear, [effects])
-    surplus = evidence - np.log(max(group[0].trials, 1)) - SHAPES_TRIED
+    shapes = len(candidates.of_key.get(group[0].effect.key, [0]))  # of which the best was chosen
+    surplus = evidence - np.log(max(group[0].trials, 1) * shapes)
     clear = bool(surplus >= DETECT)
     log.add("superfluous", "accepted" if clear else "refused", group[0].effect, float(surplus), DETECT)
     return clear
@@ -149,12 +145,11 @@ def add_best(model: EffectModel, likely: Likely, log: DecisionLog = UNRECORDED) 
     explained = sum(s.delta_chi2 for s in model.steps if not s.effect.random)  # a free curve has no discrepancy
     own, rule = refinement_of(model, best)
     if own is None:  # before a new finding, try it as a refinement of an existing one
-        could = [(s, refined(model, s)) for s in steps if s.evidence > NEAR_BEST * best.evidence]
-        others = [s for s, k in could if k is not None and is_departure(model, k, best.effect)]
+        others = _could_refine(model, steps, best)
         first, best = best, max(others, key=lambda s: s.evidence, default=best)
         own, rule = refinement_of(model, best) if others else (left_over(model, best), "left-over")
         if others:
-            least = NEAR_BEST * first.evidence
+            least = (1 - MUCH) * first.evidence
             log.add("refinement-first", "preferred", best.effect, best.evidence, least, beside=first.effect)
     if own is not None:
         best = replace(best, parent=own)
@@ -169,7 +164,7 @@ def add_best(model: EffectModel, likely: Likely, log: DecisionLog = UNRECORDED) 
         log.add("refinement-below-detection", "merged", best.effect, best.evidence, LEAST_EVIDENCE, beside=into)
     tries = [best]
     if best.parent is not None:  # other refinements of the same finding compete by cross-validation
-        enough = max(LEAST_EVIDENCE, COMPETES * best.evidence)
+        enough = max(LEAST_EVIDENCE, MUCH * best.evidence)
         near = [s for s in steps if s is not best and s.evidence > enough]
         others = [replace(s, parent=best.parent) for s in near if refined(model, s) == best.parent][:MOST_COMPETING]
         for s in others:
@@ -187,18 +182,21 @@ def add_best(model: EffectModel, likely: Likely, log: DecisionLog = UNRECORDED) 
     return best_growth if error < before else None
 
 
+def _could_refine(model: EffectModel, steps: Sequence[Step], best: Step) -> list[Step]:
+    """Refinements of findings with nearly the best evidence, where the best may be their discrepancy as well."""
+    could = [(s, refined(model, s)) for s in steps if s.evidence > (1 - MUCH) * best.evidence]
+    return [s for s, k in could if k is not None and is_departure(model, k, best.effect)]
+
+
 def _is_finding(model: EffectModel, best: Step, explained: float, log: DecisionLog) -> bool:
     """Whether a proposal may be a finding of its own, beside those that explain so much delta chi-squared."""
     if not accepted(model.linear, best, log=log):
         return False
-    large = not best.delta_chi2 < LEAK * explained
+    large = not best.delta_chi2 < LITTLE * explained
     if explained > 0:
         share = ratio(best.delta_chi2, explained)
-        log.add("share-of-findings", "accepted" if large else "refused", best.effect, share, LEAK)
-    few = len(model.findings) < MOST_FINDINGS
-    if not few:
-        log.add("most-findings", "refused", best.effect, len(model.findings), MOST_FINDINGS)
-    return large and few
+        log.add("share-of-findings", "accepted" if large else "refused", best.effect, share, LITTLE)
+    return large
 
 
 def _likely(linear: LinearModel, candidates: Candidates, log: DecisionLog) -> Likely:
@@ -245,9 +243,9 @@ def _by_two_causes(
         one, other, more = found
         both = linear.with_effect(one).with_effect(other)
         gained = linear.delta_chi2(both)
-        as_much = gained > FORM * form.delta_chi2
+        as_much = gained > (1 - NEAR) * form.delta_chi2
         share = ratio(gained, form.delta_chi2)
-        log.add("two-causes", "preferred" if as_much else "set aside", step.effect, share, FORM, beside=form.effect)
+        log.add("two-causes", "preferred" if as_much else "set aside", step.effect, share, 1 - NEAR, beside=form.effect)
         if as_much:
             able.append(replace(step, effect=one, partner=(other,), evidence=step.evidence + more, delta_chi2=gained))
     return max(able, key=lambda s: s.delta_chi2, default=None)
@@ -344,12 +342,12 @@ def reselect(
         old, *more = group
         if (before := looked.get(old.effect.key)) is not None:
             change = ratio(float(np.linalg.norm(fitted - before)), float(np.linalg.norm(before)))
-            if change < UNMOVED:
-                log.add("unmoved", "kept", old.effect, change, UNMOVED)
+            if change < NEAR:
+                log.add("unmoved", "kept", old.effect, change, NEAR)
                 continue
         looked[old.effect.key] = fitted
         linear = model.without(group)
-        steps = optimise_shapes(linear, candidates, MOST_ALTERNATIVES_TRIED)
+        steps = optimise_shapes(linear, candidates, MOST_EXAMINED)
         if not steps:
             continue
         best = choose(linear, steps)

@@ -16,22 +16,21 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
+from identification.diagnosis.decisions.constants import CLEARLY, LEAST_EVIDENCE, LITTLE, MUCH, NEAR, NO_WORSE
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, named, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.candidates import Candidates, score_of
-from identification.diagnosis.search.conditional_evidence import MOST_ALTERNATIVES_TRIED
+from identification.diagnosis.search.conditional_evidence import MOST_EXAMINED
 from identification.diagnosis.search.criteria import heldout_rms, one_sensor
 from identification.diagnosis.search.forward_selection import MOST_STEPS, forward_select
 from identification.diagnosis.search.model import EffectModel, log_posterior, replayed, steps_of
-from identification.diagnosis.search.refinement import OWN, apart, distinct
-from identification.diagnosis.search.scoring import CLEARLY, LEAST_EVIDENCE, NEAR, Step, choose
+from identification.diagnosis.search.refinement import apart, distinct
+from identification.diagnosis.search.scoring import Step, choose
 from identification.diagnosis.search.shape_fit import optimise_shapes
 from identification.runtime.parallel import parallel_map
 from identification.runtime.progress import Progress, silent
 
 MOST_ALTERNATIVES = 3  # of a finding, from which the search is repeated
-SLIGHT = 0.03  # of a finding's evidence: smaller refinements of a large finding are no second cause
-NO_WORSE = 1.02  # times the cross-validation error: smaller differences are chance
 
 
 def compare_alternatives(
@@ -148,13 +147,13 @@ def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog)
     """
     groups = model.findings
     for main, *more in groups:
-        if sum(s.evidence for s in more) < max(LEAST_EVIDENCE, SLIGHT * main.evidence):
+        if sum(s.evidence for s in more) < max(LEAST_EVIDENCE, LITTLE * main.evidence):
             continue
         others = steps_of(g for g in groups if g[0] is not main)
-        likely = optimise_shapes(model.without(more), candidates, MOST_ALTERNATIVES_TRIED)
+        likely = optimise_shapes(model.without(more), candidates, MOST_EXAMINED)
         elsewhere = [s for s in likely if s.effect.where != main.effect.where or distinct(main.effect, s.effect)]
         # refinements that are too large for a discrepancy
-        much = [s for s in more if main.effect.empirical or s.delta_chi2 > OWN * main.delta_chi2]
+        much = [s for s in more if main.effect.empirical or s.delta_chi2 > MUCH * main.delta_chi2]
         named = [s for s in much if s.effect.where != main.effect.where or apart(main.effect, s.effect)]
         begun: set[object] = {main.effect.key}
         for steps in (elsewhere, named):
@@ -177,5 +176,5 @@ def _another_cause(one: Effect, other: Effect) -> bool:
 def _named(main: Step, start: LinearModel, others: Sequence[Step], candidates: Candidates) -> Step:
     """The preferred step for an unnamed finding, given other findings."""
     linear = replayed(start, others).linear
-    steps = optimise_shapes(linear, candidates, MOST_ALTERNATIVES_TRIED)
+    steps = optimise_shapes(linear, candidates, MOST_EXAMINED)
     return choose(linear, steps) if steps else main

@@ -14,6 +14,7 @@ from errormodel.effects.base import Effect
 from errormodel.effects.travel import legendre
 from errormodel.effects.unnamed import Unnamed
 from errormodel.machine import Joint
+from identification.diagnosis.decisions.constants import ALIKE, DEPARTURES, LITTLE, MUCH
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.criteria import base_channels, canonical_correlation, moves, one_sensor
 from identification.diagnosis.search.model import EffectModel
@@ -24,15 +25,7 @@ FORMS = ("linear", "square", "cubic")
 OVERTONES = (1, 2, 3, 5)  # steps have the odd ones
 SMOOTH = 8  # functions of one position
 CHANGES = 4  # of them, by which the size of a wave changes along the travel
-ALIKE = 0.6  # correlation beyond which a later effect is a further form of an earlier finding
-LEFT = 0.05  # of what a finding explains: no more is no other effect with its drivers at its place
-OWN = 0.3  # of what a finding explains: as much is no departure from its form
 DISTINCT = {"feed", "load", "point_x", "point_y", "point_z"}  # what follows them is no form of what does not
-DEPARTURES = {
-    0.03: 1.0,
-    0.1: 3.0,
-    0.3: 8.0,
-}  # prior of the discrepancy: share of the effect's size, and minus the log probability of that share
 
 
 def forms(linear: LinearModel, effect: Effect) -> Iterator[Effect]:
@@ -201,16 +194,16 @@ def distinct(one: Effect, other: Effect) -> bool:
 
 
 def left_over(model: EffectModel, step: Step) -> int | None:
-    """The finding of whose place and drivers a further effect is, if it explains less than `LEFT` of it."""
+    """The finding of whose place and drivers a further effect is, if it explains less than `LITTLE` of it."""
     for k, earlier in enumerate(model.steps):
         one, other = earlier.effect, step.effect
         near = one.where == other.where and base_channels(other) <= base_channels(one) | {one.where}
-        if earlier.parent is None and near and is_departure(model, k, other, LEFT):
+        if earlier.parent is None and near and is_departure(model, k, other, LITTLE):
             return k
     return None
 
 
-def is_departure(model: EffectModel, number: int, effect: Effect, share: float = OWN) -> bool:
+def is_departure(model: EffectModel, number: int, effect: Effect, share: float = MUCH) -> bool:
     """Whether a further effect explains less than `share` of a finding: it may be the finding's discrepancy."""
     group = [s for k, s in enumerate(model.steps) if number in (k, s.parent)]
     explained = model.without(group).square - model.linear.square

@@ -9,16 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.effects.base import Effect
+from identification.diagnosis.decisions.constants import CLEARLY, DECISIVE_ODDS, NEAR
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 
-DECISIVE_ODDS = 100.0  # beyond the trials factor: of 300 empty surveys the best had 30
 DETECT = math.log(DECISIVE_ODDS)
-CLEARLY = 6.0  # log Bayes factor by which an empirical term must lead physics that has a name
-LEAST_EVIDENCE = 7.0  # log Bayes factor, odds of 1000 to 1: with less nothing is examined, or searched from
-NEAR = 0.1  # of the best evidence
-FORM = 0.85  # share of the best empirical term's delta chi-squared that a name must explain: such terms fit anything
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from errormodel.effects.base import Effect
+from identification.diagnosis.decisions.constants import ABSORBED, FORM_ABSORBED
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.search.candidates import ABSORBED, FORM_ABSORBED, Candidates, Scores, score_of
+from identification.diagnosis.search.candidates import Candidates, Scores, score_of
 from identification.diagnosis.search.criteria import log_likelihood_gain, log_likelihood_gains
 from identification.diagnosis.search.refinement import discrepancy
 from identification.diagnosis.search.scoring import Step

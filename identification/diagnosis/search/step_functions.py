@@ -16,10 +16,10 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS
 from errormodel.effects.unnamed import Unnamed, switch
+from identification.diagnosis.decisions.constants import CLEARLY
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.model import EffectModel, of_groups
-from identification.diagnosis.search.scoring import CLEARLY
 
 PERIODS = np.geomspace(0.75, 1.33, 17)  # times that of the wave
 EDGES = np.arange(16) / 32  # of a period: after half of one it switches back
