@@ -118,7 +118,14 @@ def _stage_lines(stage: str, own: Sequence[Decision], history: History) -> Itera
 
 
 def _with_place(d: Decision, said: set[str] | None = None) -> str:
-    return f"{d.place} {decision_line(d, said)}" if d.effect else decision_line(d, said)
+    return f"{_candidate(d)} {decision_line(d, said)}" if d.effect else decision_line(d, said)
+
+
+def _candidate(d: Decision) -> str:
+    """The candidate as ``effect@where``; of what has no name also what drives it: at one place there are many."""
+    from errormodel.effects.unnamed import Unnamed
+
+    return f"{d.place} by {' and '.join(d.driver.split())}" if d.effect == Unnamed.effect and d.driver else d.place
 
 
 def _selection_lines(own: Sequence[Decision], history: History) -> Iterator[str]:
@@ -130,7 +137,7 @@ def _selection_lines(own: Sequence[Decision], history: History) -> Iterator[str]
         here = [d for d in own if d.round == round_]
         scored = sorted((d for d in here if d.rule == "candidate-score"), key=lambda d: -(d.value or 0.0))
         if scored:
-            best = ", ".join(f"{d.place} {number(d.value)}" for d in scored[:3])
+            best = ", ".join(f"{_candidate(d)} {number(d.value)}" for d in scored[:3])
             examined = sum(d.outcome == "examined" for d in scored)
             beside = f"beside {round_} effect{'s' * (round_ != 1)}" if round_ else "beside the geometry alone"
             yield f"  {beside}: {len(scored)} candidates with a log Bayes factor, {examined} examined; the best {best}"
@@ -167,10 +174,11 @@ def fate_lines(fate: Fate, history: History, diagnosis: Mapping[str, Any]) -> It
             f"{number(fate.first.gain)}, number {rank} of {len(history.first_scores)} effects at places"
         )
         if fate.word == LOW:
-            yield (
-                f"  the examined ones had {number(fate.first.threshold)} and more, or were the best of their name; "
-                f"nothing with less than {number(LEAST_EVIDENCE)} ever is"
+            least, last = number(LEAST_EVIDENCE), fate.first.threshold
+            examined = (
+                f"the examined ones had {number(last)} and more, or were the best of their name; " if last else ""
             )
+            yield f"  {examined if last else ''}nothing with less than {least} ever is examined"
     later = fate.last is not None and fate.first is not None and fate.last.round > fate.first.round
     if fate.last is not None and later and fate.word not in (FOUND, ALTERNATIVE, MERGED):
         yield f"  last score: {number(fate.last.value)}, beside {fate.last.round} accepted effects"
@@ -229,7 +237,7 @@ def _finding_lines(fate: Fate, history: History, diagnosis: Mapping[str, Any]) -
     merged = [d for d in into if d.place in parts]
     if merged:
         yield "what was merged into it"
-        yield from (f"  {d.place}: {decision_line(d, said)}" for d in merged)
+        yield from (f"  {_candidate(d)}: {decision_line(d, said)}" for d in merged)
     own = [
         d
         for d in history.decisions
