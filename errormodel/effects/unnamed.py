@@ -41,7 +41,7 @@ class Unnamed(Effect):
     effect: ClassVar[str] = "unnamed"
     family: ClassVar[str] = "empirical"
     source: ClassVar[str] = "no physics; sizes of usual error motions"
-    separate: ClassVar[str] = "its drivers varied one at a time, all else kept; the motion measured at the element itself"
+    separate: ClassVar[str] = "its drivers varied one at a time, all else kept; the motion measured at the element"
     example: ClassVar[Mapping[str, object]] = {"element": "X", "motion": "dx", "driver": "w_level", "form": "square"}
     empirical: ClassVar[bool] = True
     shape: ClassVar[str] = "period"
