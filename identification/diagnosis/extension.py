@@ -85,6 +85,7 @@ def explained(
     scores = candidates.scores(linear).alone()
     looked = dict[object, Array]()
     selected = forward_select(linear, candidates, progress, log=log, looked=looked)
+    give_back()
     chosen = compare_alternatives(selected, candidates, progress, log, looked)
     if (known := likelier_sides(survey, linear, [s.effect for s in chosen.steps], log)) is not None:
         log.again()
@@ -94,7 +95,6 @@ def explained(
         log.again()  # it was what was found
         return explained(plain, given, changes, progress, log, impossible, alike=True)
     del candidates, selected  # hundreds of megabytes that the fit of all rows needs
-    give_back()
     model, witnessed = apply_witnesses(in_correlated_noise(chosen, log), log)
     model = without_wanderers(model, log)
     first = len(fit.chain.machine.effects) + len(changes)
@@ -143,6 +143,7 @@ def _that_predicts(
 
     def extended(model: EffectModel) -> Fit:
         effects = [*changes, *(s.effect for s in model.steps)]
+        give_back()  # what the search, or the fit before, has left
         return fit_machine(_extended(machine, effects), survey, effect_sizes=WIDEST) if effects else fit
 
     def error(fit: Fit) -> float:
