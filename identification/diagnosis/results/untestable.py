@@ -31,7 +31,7 @@ ROWS = 400  # of the full survey
 
 def unseen(scene: Scene, scores: Scores, found: Collection[Effect], log: DecisionLog = UNRECORDED) -> list[Untestable]:
     """Untestable effects with their places, from the scores of all candidates; `found` effects are not among them."""
-    hardly = _least_accepted(len(scores.candidates.of_key))
+    hardly = _least_accepted(len(scores.candidates.effects))
     least: dict[Variant, tuple[float, float]] = {}
     for numbers in scores.candidates.of_key.values():
         place = variant_of(scores.candidates.effects[numbers[0]])
@@ -132,7 +132,7 @@ def full_scene(scene: Scene) -> Scene:
 
 
 def _least_accepted(trials: int) -> float:
-    """Delta chi-squared of one parameter whose log Bayes factor pays for the trials factor and `DECISIVE_ODDS`."""
+    """Delta chi-squared of one parameter whose log Bayes factor pays for `DECISIVE_ODDS` and all proposals tried."""
     paid = 2 * float(np.log(DECISIVE_ODDS * max(trials, 1)))
     return paid + float(np.log1p(paid))
 
