@@ -27,8 +27,11 @@ def nameless(chain: Chain, rng: Rng) -> Hidden | None:
     unit = 1 / reach(chain) if tilts else 1.0
     name = ("ea", "eb", "ec")[int(rng.integers(3))] if tilts else f"d{'xyz'[int(rng.choice(crosswise(e)))]}"
     kind = int(rng.integers(4))
-    series = (_composition, _switching, _wandering, _memory)[kind](chain, rng)
+    channels = list[str]()
+    series = (partial(_composition, channels), _switching, _wandering, _memory)[kind](chain, rng)
     also = {0: ("cross-axis-compliance", "beam-torsion", "column-bending"), 3: ("hysteresis",)}.get(kind, ())
+    if kind == 0 and channels == [e.name]:  # an error motion along its own travel has a name
+        also = (*also, "higher-order-geometry")
 
     def field(sit: Situation) -> Motions:
         return {e.name: motion(len(sit), **{name: unit * series(sit)})}
@@ -44,12 +47,14 @@ def _some(chain: Chain, rng: Rng, count: int) -> list[Element]:
     return [chain.joints[k] for k in rng.permutation(len(chain.joints))[:count]]
 
 
-def _composition(chain: Chain, rng: Rng) -> Series:
-    """A function of a function of one to three channels: joints, the feed, and records of the shop."""
+def _composition(channels: list[str], chain: Chain, rng: Rng) -> Series:
+    """A function of a function of one to three `channels`, which it appends: joints, and records of the shop."""
     count = int(rng.integers(1, 4))
-    parts: list[Series] = [partial(_place, name=e.name) for e in _some(chain, rng, count)]
+    channels += [e.name for e in _some(chain, rng, count)]
+    parts: list[Series] = [partial(_place, name=name) for name in channels]
     if count < 3 and rng.random() < 0.5:
         channel = str(rng.choice(IDLE))
+        channels.append(channel)
         parts.append(lambda sit: _standard(sit.now(sit.world.idle[channel]), sit.world.idle[channel]))
     weights, bend, phase = rng.normal(size=len(parts)), rng.uniform(1.0, 3.0), rng.uniform(0, 6)
     outer = int(rng.integers(3))
