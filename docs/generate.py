@@ -126,13 +126,9 @@ def docstrings(module: ModuleType) -> Iterator[tuple[str, object, str]]:
     """Each constant of a module with its value, and the string that follows it."""
     body = ast.parse(inspect.getsource(module)).body
     for one, following in pairwise(body):
-        if (
-            isinstance(one, ast.Assign)
-            and isinstance(following, ast.Expr)
-            and isinstance(following.value, ast.Constant)
-        ):
-            for name in (n.id for n in ast.walk(one.targets[0]) if isinstance(n, ast.Name)):
-                yield name, getattr(module, name), " ".join(str(following.value.value).split())
+        if isinstance(one, ast.Assign) and isinstance(one.targets[0], ast.Name) and isinstance(following, ast.Expr):
+            name = one.targets[0].id
+            yield name, getattr(module, name), " ".join(str(ast.literal_eval(following.value)).split())
 
 
 def instruments() -> Iterator[str]:

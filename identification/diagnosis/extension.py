@@ -64,7 +64,7 @@ def explained(
     progress: Progress,
     log: DecisionLog,
     impossible: Callable[[Effect], bool] | None = None,
-    alike: bool = False,
+    isotropic: bool = False,
 ) -> Explanation:
     """What explains a fit's residuals, and the survey fitted with it.
 
@@ -72,16 +72,16 @@ def explained(
     ----------
     changes : effects that mend blunders.
     impossible : whether an effect is no candidate, because an earlier search found it larger than physics has it.
-    alike : whether the noise is known to be alike in all directions, because an earlier search left it so.
+    isotropic : whether the noise is known to be, because an earlier search left nothing of a line of sight.
     """
     given, plain = survey, fit
     linear, candidates = _tried(fit, progress, log, impossible)
-    if not alike and (seen := tracker_noise(fit, linear, candidates, survey, log)) is not None:
+    if not isotropic and (seen := tracker_noise(fit, linear, candidates, survey, log)) is not None:
         survey, fit = seen, fit_machine(fit.chain.machine, seen)
         del linear, candidates  # of an arm hundreds of megabytes, and as much again is made
         linear, candidates = _tried(fit, progress, log, impossible)
     if (known := likelier_sides(survey, linear, log=log)) is not None:
-        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible, alike)
+        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible, isotropic)
     scores = candidates.scores(linear).alone()
     looked = dict[object, Array]()
     selected = forward_select(linear, candidates, progress, log=log, looked=looked)
@@ -89,11 +89,11 @@ def explained(
     chosen = compare_alternatives(selected, candidates, progress, log, looked)
     if (known := likelier_sides(survey, linear, [s.effect for s in chosen.steps], log)) is not None:
         log.again()
-        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible, alike)
+        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible, isotropic)
     chosen, wave = _with_wave(chosen, candidates, progress, log, looked)
     if survey is not given and chosen.steps and not line_of_sight(fit, chosen.linear, candidates, log):
         log.again()  # it was what was found
-        return explained(plain, given, changes, progress, log, impossible, alike=True)
+        return explained(plain, given, changes, progress, log, impossible, isotropic=True)
     del candidates, selected  # hundreds of megabytes that the fit of all rows needs
     model, witnessed = apply_witnesses(in_correlated_noise(chosen, log), log)
     model = without_wanderers(model, log)

@@ -31,10 +31,6 @@ def _no(*_: Any, **__: Any) -> bool:
     return False
 
 
-def _empty(*_: Any, **__: Any) -> str:
-    return ""
-
-
 _SEARCH, _RESULTS = "identification.diagnosis.search.", "identification.diagnosis.results."
 _FORWARD, _COMPARED = _SEARCH + "forward_selection", _SEARCH + "model_comparison"
 # rule: (module, name there, what it is without the rule)
@@ -64,7 +60,7 @@ LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
     "unlikely-name": ((_RESULTS + "nameless_alternative", "EVEN", 0.0),),
     "remainder-of-name": ((_RESULTS + "nameless_alternative", "MUCH", FOREVER),),
     "uncontradicted-alternative": (("identification.diagnosis.extension", "apply_witnesses", lambda m, log: (m, {})),),
-    "serial-correlation": ((_RESULTS + "verdict", "wandering_text", _empty),),
+    "serial-correlation": ((_RESULTS + "verdict", "wandering_text", lambda final, log: ""),),
     "physical-bound": ((_RESULTS + "physical_limits", "CONTRADICTED_SIGMA", FOREVER),),
     "physical-size": ((_RESULTS + "physical_limits", "WIDEST", FOREVER),),
 }

@@ -197,7 +197,8 @@ def shape(effect: Effect, machine: Machine) -> str:
 def _runs(whole: Whole) -> str:
     """Whether a wave along two joints is one in their sum or their difference, in words."""
     main, size = whole.effects[0], len(whole.ids[0])
-    if not isinstance(main, Unnamed) or not main.by_period or main.edge or main.by_edge or main.pieces or size < 4:
+    # with edges there are fewer functions, with pieces more
+    if not isinstance(main, Unnamed) or main.period is None or main.by_period is None or size != 4:
         return ""
     ss, sc, cs, cc = whole.values[:size].tolist()  # in the order of `waves`
     both = math.hypot(cc - ss, sc + cs), math.hypot(cc + ss, sc - cs)

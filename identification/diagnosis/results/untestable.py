@@ -31,7 +31,7 @@ ROWS = 400  # of the full survey
 
 def unseen(scene: Scene, scores: Scores, found: Collection[Effect], log: DecisionLog = UNRECORDED) -> list[Untestable]:
     """Untestable effects with their places, from the scores of all candidates; `found` effects are not among them."""
-    hardly = _least_accepted(len(scores.candidates.effects))
+    detectable = _least_detectable(len(scores.candidates.effects))
     least: dict[Variant, tuple[float, float]] = {}
     for numbers in scores.candidates.of_key.values():
         place = variant_of(scores.candidates.effects[numbers[0]])
@@ -63,12 +63,12 @@ def unseen(scene: Scene, scores: Scores, found: Collection[Effect], log: Decisio
                 lacks = _missing(effects, scene)
                 log.add("not-recorded", "not considered", effects[0], beside=lacks)
                 reasons.setdefault(lacks, []).append(where)
-            elif expected_delta_chi2 < hardly and part > 1 - NEAR:
-                log.add("below-noise", "not considered", effects[0], float(expected_delta_chi2), hardly)
+            elif expected_delta_chi2 < detectable and part > 1 - NEAR:
+                log.add("below-noise", "not considered", effects[0], float(expected_delta_chi2), detectable)
                 reason = "what the geometry leaves of it at its usual size stays within the noise"
                 reasons.setdefault(reason, []).append(where)
-            elif scene.readings and expected_delta_chi2 < hardly:
-                log.add("below-noise", "not considered", effects[0], float(expected_delta_chi2), hardly)
+            elif scene.readings and expected_delta_chi2 < detectable:
+                log.add("below-noise", "not considered", effects[0], float(expected_delta_chi2), detectable)
                 reason = "at its usual size it changes what was read by less than the noise"
                 reasons.setdefault(reason, []).append(where)
             elif part > ABSORBED:
@@ -131,7 +131,7 @@ def full_scene(scene: Scene) -> Scene:
     return replace(scene, columns=columns)
 
 
-def _least_accepted(trials: int) -> float:
+def _least_detectable(trials: int) -> float:
     """Delta chi-squared of one parameter whose log Bayes factor pays for `DECISIVE_ODDS` and all proposals tried."""
     paid = 2 * float(np.log(DECISIVE_ODDS * max(trials, 1)))
     return paid + float(np.log1p(paid))
