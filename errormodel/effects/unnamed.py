@@ -35,7 +35,8 @@ class Unnamed(Effect):
     - `form` gives the degrees, and `by` a second channel, whose functions multiply those of the first.
     - `period` makes it a sine and a cosine; with `edge` it switches between -1 and 1 there and every half period.
     - `pieces` makes it a curve, or a surface over both channels: cubic B-splines on so many intervals of the range (of
-      each) or of the period, with a zero-mean prior of standard deviation `size` (mm, rad).
+      each) or of the period.
+    - `size` (mm, rad) is the standard deviation of a zero-mean normal prior of its parameters; curves always have one.
     """
 
     effect: ClassVar[str] = "unnamed"
@@ -99,7 +100,9 @@ class Unnamed(Effect):
             second = self._shapes(channel(self.by), *own)
             shapes = {f"{k}-{n}": a * b for (k, a), (n, b) in product(shapes.items(), second.items())}
         unit, size = unit_of(self.motion), self.size or usual_size(self.motion)
-        return [EffectTerm(self.element, label, unit, {self.motion: value}, size) for label, value in shapes.items()]
+        tied = self.size is not None
+        motions = {label: {self.motion: value} for label, value in shapes.items()}
+        return [EffectTerm(self.element, label, unit, motion, size, tied=tied) for label, motion in motions.items()]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

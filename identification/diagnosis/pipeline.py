@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from errormodel.arrays import Array, Mask
+from errormodel.effects.base import Effect
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
@@ -275,7 +276,7 @@ def _finding(
     finding = Finding(
         effect=main.effect,
         where=main.where,
-        motion=motions_of(main, linear),
+        motion=list(dict.fromkeys(m for e in _of_one_cause(group) for m in motions_of(e, linear))),
         driver=list(main.drivers),
         runs=[d[4:-1] for d in main.drivers if d.startswith("run(")] or None,
         time=[float(at)] if at is not None else None,
@@ -295,6 +296,12 @@ def _finding(
         positive=main.positive(machine),
     )
     return checked_name(finding, whole, final, log)
+
+
+def _of_one_cause(group: Sequence[Step]) -> list[Effect]:
+    """The effects of a finding that move the main one's element by the same drivers."""
+    main = group[0].effect
+    return [s.effect for s in group if s.effect.where == main.where and s.effect.drivers == main.drivers]
 
 
 def _moved(before: Fit, linear: LinearModel, columns: Array, values: Array) -> dict[str, float]:

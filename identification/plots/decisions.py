@@ -142,8 +142,8 @@ def _reason(fate: Fate, history: History) -> str:
         return f"log Bayes factor {fate.first.value:.3g} < {LEAST_EVIDENCE:.3g}"
     rules = [d for d in fate.deciding if d.rule != "candidate-score"]
     if fate.word == FOUND:
-        tests = [d for d in rules if d.rule in ("detection-in-correlated-noise", "cross-validation")]
-        return style.plain(", ".join(dict.fromkeys(map(_test, tests))), 60)
+        tests = {d.rule: d for d in rules if d.rule in ("detection-in-correlated-noise", "cross-validation")}
+        return style.plain(", ".join(map(_test, tests.values())), 52)
     if not rules:
         return ""
     d = rules[-1]

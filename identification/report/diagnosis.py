@@ -137,9 +137,8 @@ def _part(diagnosed: Diagnosed, count: int, finding: Finding, group: Sequence[St
         facts.append(("Size at the tip", f"{three(finding.size_um)} µm rms over the survey's rows"))
     if group:
         facts.append(("Hidden by the geometry", f"{100 * finding.absorbed:.0f} % of it"))
-    if len(group or ()) > 1:
-        more = len(group or ()) - 1
-        facts.append(("Form", f"refined by {_count(more)} further term{'s' * (more > 1)} of the same cause"))
+    if more := sum(s.effect.empirical or s.effect.effect != group[0].effect.effect for s in group[1:]) if group else 0:
+        facts.append(("Form", f"refined by {_count(more)} further term{'s' * (more > 1)}"))
     if finding.positive:
         facts.append(("A positive parameter means", finding.positive))
     facts.append(("Next measurement", finding.next_measurement))

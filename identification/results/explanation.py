@@ -12,6 +12,7 @@ from errormodel.exceptions import InputError, nearest
 from identification.diagnosis.decisions.fates import Fate, Place
 from identification.diagnosis.decisions.log import COLUMNS, Decision
 from identification.diagnosis.decisions.records import as_rows, from_rows
+from identification.diagnosis.decisions.stages import CHECKED
 from identification.diagnosis.decisions.summary import parts_of
 from identification.diagnosis.results.findings import SCHEMA
 from identification.results import manifest
@@ -128,7 +129,7 @@ class Explanation:
             for place in history.of_place:
                 score = history.first_scores.get(place)
                 known.setdefault(place, -1.0 if score is None or score.value is None else score.value)
-        effects = {*registry(), *(e for e, _ in known)}
+        effects = {*registry(), *CHECKED, *(e for e, _ in known)}
         if effect not in effects:
             raise InputError("EFFECT", f"there is no effect '{effect}'", nearest(effect, effects))
         places = {w for _, w in known}

@@ -25,9 +25,17 @@ from identification.diagnosis.decisions.fates import (
     History,
 )
 from identification.diagnosis.decisions.log import Decision
-from identification.diagnosis.decisions.rule import COUNT
+from identification.diagnosis.decisions.rule import CHANCE, COUNT
 from identification.diagnosis.decisions.rules import RULES
-from identification.diagnosis.decisions.stages import CONDITIONAL, NAMES, PROPOSALS, SELECTION, STAGES, UNTESTABLE
+from identification.diagnosis.decisions.stages import (
+    CHECKED,
+    CONDITIONAL,
+    NAMES,
+    PROPOSALS,
+    SELECTION,
+    STAGES,
+    UNTESTABLE,
+)
 from identification.results.terminal import table_lines
 
 SHOWN, SHOWN_ASIDE = 6, 10  # candidates of a list, the first of many; those that a finding was preferred to
@@ -66,7 +74,7 @@ def decision_line(d: Decision, said: set[str] | None = None) -> str:
     if d.value is not None:
         text += f"{number(d.value)}{f' ({rule.scale})' if rule.scale not in ('', COUNT) else ''}"
         if d.threshold is not None:
-            text += f", threshold {number(d.threshold)}, margin {number(abs(d.value - d.threshold))}"
+            text += f", threshold {number(d.threshold)}, margin {_margin(d.value, d.threshold, rule.scale)}"
         text += ", "
     if d.gain is not None:
         text += f"gain in log likelihood {number(d.gain)}, "
@@ -75,6 +83,14 @@ def decision_line(d: Decision, said: set[str] | None = None) -> str:
     if said is not None:
         said.add(d.rule)
     return f"{text}{d.outcome}{beside}" if known else f"{text}{d.outcome}{beside}. {rule.decides}"
+
+
+def _margin(value: float, threshold: float, scale: str) -> str:
+    """Distance of a value from its threshold; of chances, how many times one is the other."""
+    if scale != CHANCE:
+        return number(abs(value - threshold))
+    low, high = sorted((value, threshold))
+    return f"a factor of {number(high / low)}" if low > 0 else "any factor"
 
 
 def overview_lines(
@@ -151,7 +167,9 @@ def _against_lines(own: Sequence[Decision]) -> Iterator[str]:
     rules = list(dict.fromkeys(d.rule for d in own))
     values: dict[tuple[str, str], dict[str, float | None]] = {}
     for d in own:
-        values.setdefault((d.compared_with or d.place, d.place), {}).setdefault(d.rule, d.value)
+        nameless = d.compared_with != "" and "@" not in d.compared_with  # a motion by a channel, beside the name
+        pair = (d.place, d.compared_with) if nameless else (d.compared_with or d.place, d.place)
+        values.setdefault(pair, {}).setdefault(d.rule, d.value)
     rows = [["", *rules]]
     for (finding, place), known in sorted(values.items(), key=lambda v: v[0][0]):
         name = place if finding == place else f"  instead {place}"
@@ -162,6 +180,11 @@ def _against_lines(own: Sequence[Decision]) -> Iterator[str]:
 def fate_lines(fate: Fate, history: History, diagnosis: Mapping[str, Any]) -> Iterator[str]:
     """Why an effect was found, or where it dropped out."""
     by = " and ".join(fate.explained_by) or "a finding"
+    if fate.word == ABSENT and fate.effect in CHECKED:
+        yield f"{fate.effect} was not found: it is no candidate, the data are checked for it before the search"
+        own = [d for d in history.decisions if RULES[d.rule].stage == CHECKED[fate.effect]]
+        yield from (f"  {_with_place(d)}" for d in own)
+        return
     yield f"{fate.place} " + WHY[fate.word].format(
         by=by,
         beside=f" beside {by}" if fate.explained_by else "",
@@ -204,7 +227,7 @@ def _finding_lines(fate: Fate, history: History, diagnosis: Mapping[str, Any]) -
     for entry in entries:
         before, after = (number(entry["heldout_rms_um"][k]) for k in ("before", "after"))
         yield f"  {entry['statement']}"
-        yield f"  held-out error: {before} um rms without it, {after} um with it"
+        yield f"  held-out error, linearised, beside all other findings: {before} um rms without it, {after} um with it"
     if fate.word == DATA_CHECK:
         return
     aside = [

@@ -207,7 +207,8 @@ def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:
     low, high = diagnosis.noise_interval_um
     known = f" ({low:.2f} to {high:.2f}, 95 %)" if diagnosis.dof > 0 else ""
     yield f"verdict: {diagnosis.verdict}; noise of one {what} {diagnosis.noise_um:.2f} um{known}"
-    yield f"held out: {before} um rms before, {after} um after"
+    weighed = ", rows weighed by their noise" if before != after and not diagnosis.findings else ""
+    yield f"held out: {before} um rms before, {after} um after{weighed}"
     yield from _observation_lines(diagnosis.readings)
     if diagnosis.unexplained:
         yield f"left over: {diagnosis.unexplained}"

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from errormodel.instruments.cmm import CoordinateMeasuringMachine
 from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
@@ -19,7 +20,7 @@ from tests.helpers.diagnosed import empty_survey, showing
 
 MILL = "vertical_three_axis"
 ELSEWHERE = LaserTracker(
-    type="laser-tracker", station=[1800.0, -900.0, 700.0], range=[1.5e-3, 3.0e-6], angle=1.2e-6, target=1e-3
+    type="laser-tracker", station=[1800.0, -900.0, 700.0], range=[1.5e-3, 0.5e-6], angle=4e-6, target=1e-3
 )
 AT_HOME = LaserTracker(type="laser-tracker", range=[1.0e-3, 0.5e-6], angle=5e-6)
 
@@ -54,6 +55,15 @@ def test_noise_that_is_alike_in_all_directions_shows_no_tracker(seed: int, free:
     assert seen_in(cloud(seed), 0.005 * rng.standard_t(free, (300, 3))) is None
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_worse_along_a_line_than_across_it_is_no_tracker(seed: int) -> None:
+    """A state that tilts a column moves all points about one way: no tracker's range is worse than its angles."""
+    points, rng = cloud(seed), np.random.default_rng(seed)
+    states = rng.choice([-1.0, 1.0], len(points))
+    tilt = 0.02 * np.outer(states * points[:, 2] / 500, [0.9, 0.4, 0.0])
+    assert seen_in(points, tilt + rng.normal(0, 0.003, points.shape)) is None
+
+
 def test_no_noise_or_no_extent_shows_none() -> None:
     assert seen_in(cloud(0), np.zeros((300, 3))) is None
     assert seen_in(np.ones((80, 3)), np.random.default_rng(0).normal(0, 1, (80, 3))) is None
@@ -75,6 +85,11 @@ def test_rows_are_weighed_by_a_tracker_that_was_not_named(tracked: Survey) -> No
     assert [n for n in found.notes if "line of sight" in n and "laser-tracker, station" in n]
     (amount, *_) = found.findings[0].parameters
     assert abs(abs(amount.value) - 0.02) < 4 * amount.std
+
+
+def test_a_coordinate_measuring_machine_has_no_line_of_sight(tracked: Survey) -> None:
+    found = diagnose(read_machine(MILL), replace(tracked, instrument=CoordinateMeasuringMachine(type="cmm"))).diagnosis
+    assert not [n for n in found.notes if "line of sight" in n]
 
 
 def test_a_declared_instrument_is_taken_at_its_word(tracked: Survey) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -72,3 +73,19 @@ def test_few_rows_say_nothing() -> None:
     levers = {name: own[:, few] for name, own in whole.levers.items()}
     some = type(whole)(whole.chain, whole.residual[few], whole.basis[few], levers, {}, whole.index[few], whole.scene)
     assert largest_wave(some) is None
+
+
+def test_levels_show_no_wave_that_has_two_of_them_in_a_period() -> None:
+    """Its sine is zero at all of them, or a longer wave has the same values: nothing between levels is known."""
+    levels = np.linspace(-1, 1, 9)
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        model = linear(nothing, rng.normal(size=3 * ROWS), rng)
+        z = model.scene.columns["Z"]
+        z[:] = rng.choice(levels, ROWS)
+        wave = 1.5 * np.cos(np.pi * (z + 1) / 0.25) * np.cos(2 * np.pi * model.scene.columns["X"] / 0.13)
+        shown = np.zeros(3 * ROWS)
+        shown[:ROWS] = wave
+        left = shown - model.basis @ (model.basis.T @ shown)
+        found = largest_wave(replace(model, residual=model.residual + left))
+        assert found is None or all(p > 0.5 for j, p in zip(found.joints, found.periods, strict=True) if j == "Z"), seed

@@ -10,6 +10,7 @@ ERRORS = "ratio of cross-validation errors"
 RATIO = "ratio"
 SHARE = "share"
 COUNT = "number"
+CHANCE = "p-value"
 
 
 class Rule(NamedTuple):

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from identification.diagnosis.decisions.rule import COUNT, DELTA, ERRORS, EVIDENCE, RATIO, SHARE, Rule
+from identification.diagnosis.decisions.rule import CHANCE, COUNT, DELTA, ERRORS, EVIDENCE, RATIO, SHARE, Rule
 from identification.diagnosis.decisions.rule import decided as _decided
 from identification.diagnosis.decisions.rule import in_module as _in
 from identification.diagnosis.decisions.stages import (
@@ -108,6 +108,9 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "line-of-sight": Rule(
             NOISE, "log likelihood ratio", "Residuals that are clearly those of a line of sight weigh the rows.",
             _in(_NOISE, "CLEAR", "ORIGIN", "CLOSEST_MM"),
+        ),
+        "range-better-than-angle": Rule(
+            NOISE, RATIO, "Noise that is larger along a line of sight than across it is no tracker's.",
         ),
         "declared-station": Rule(
             NOISE, "log likelihood ratio", "A declared station that fits better as a point of the machine is named.",
@@ -352,22 +355,27 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _decided("STEADY_UM") + _in("results.wandering", "MOST"),
         ),
         "wandering-motion": Rule(
-            VERDICT, "p-value", "A motion that wanders in time more than correlated noise does is unexplained.",
+            VERDICT, CHANCE, "A motion that wanders in time more than correlated noise does is unexplained.",
             _decided("LEAST_P_VALUE"),
+        ),
+        "unsteady-motion": Rule(
+            VERDICT, "log likelihood ratio",
+            "A motion that varies from row to row, with its levers or much more than the noise, is unexplained.",
+            _decided("DECISIVE_ODDS") + _in(_NOISE, "CLEAR", "FEWEST") + _in("results.unsteady_motions", "LARGE"),
         ),
         "wanders-instead": Rule(
             VERDICT, EVIDENCE,
-            "A finding by temperature or time is left out if its motion has clearly more evidence as one that wanders.",
+            "A finding is left out if its motion has clearly more evidence as one that wanders in time.",
             _decided("DECISIVE_ODDS"),
         ),
         "wave-of-two-joints": Rule(
-            VERDICT, "p-value",
+            VERDICT, CHANCE,
             "What repeats with two joints' positions together is tried at all places, and else unexplained.",
             _decided("LEAST_P_VALUE", "LEAST_SHARE")
             + _in("results.combined_waves", "LEAST_WAVES", "MOST_WAVES", "FEWEST_VALUES", "MOST_JOINTS"),
         ),
         "dependence-of-residuals": Rule(
-            VERDICT, "p-value", "What is left is unexplained if one or two recorded channels predict it.",
+            VERDICT, CHANCE, "What is left is unexplained if one or two recorded channels predict it.",
             _decided("LEAST_P_VALUE", "LEAST_SHARE"),
         ),
     }

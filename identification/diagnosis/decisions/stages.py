@@ -32,3 +32,6 @@ STAGES: Mapping[str, str] = MappingProxyType(
         VERDICT: "what is left is compared with what the noise may leave",
     }
 )  # fmt: skip
+
+CHECKED: Mapping[str, str] = MappingProxyType({"outliers": OUTLIERS, "axis-blunder": DATA})
+"""Findings that no candidate makes, and the stage that looks for them."""

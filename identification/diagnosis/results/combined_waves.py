@@ -131,9 +131,13 @@ def _simplex(numbers: Sequence[float]) -> Array:
 
 
 def _waves(positions: Array) -> Array:
-    """Complex waves (n, grid) along a joint, from no wave over its range to the most."""
+    """Complex waves (n, grid) along a joint, from no wave over its range to the most that its positions can show.
+
+    Of waves with two positions or fewer in a period (Nyquist), longer ones have the same values, or sines have none.
+    """
     part = (positions - positions.min()) / np.ptp(positions)
-    return np.exp(2j * np.pi * STEP * np.outer(part, np.arange(MOST_WAVES / STEP + 1)))
+    most = min(MOST_WAVES, (len(np.unique(positions)) - 1) / 2 - 2 * STEP)  # neighbours of the grid are proposed too
+    return np.exp(2j * np.pi * STEP * np.outer(part, np.arange(int(most / STEP) + 1)))
 
 
 def _periodogram(residual: Array, index: Index, series: Sequence[slice], one: Array, other: Array) -> Array:
@@ -146,5 +150,5 @@ def _periodogram(residual: Array, index: Index, series: Sequence[slice], one: Ar
         out += np.square(np.abs(spectrum)) / len(rows)
     long = int(np.ceil(LEAST_WAVES / STEP))
     middle = other.shape[1] - 1
-    out[:long, middle - long + 1 : middle + long] = 0.0
+    out[:long, max(middle - long + 1, 0) : middle + long] = 0.0
     return np.asarray(out / np.mean(np.square(residual)))

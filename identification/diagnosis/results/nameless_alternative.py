@@ -23,7 +23,6 @@ from identification.diagnosis.results.nameless_evidence import best_of, evidence
 from identification.diagnosis.results.physical_limits import nameless
 from identification.diagnosis.results.recorded_functions import Functions, wandering
 from identification.diagnosis.search.candidates import score_of
-from identification.diagnosis.search.criteria import base_channels
 from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.scoring import DETECT, Step
 
@@ -36,8 +35,10 @@ def checked_alternative(
 ) -> Finding:
     """The finding without its name where one of the `functions` has more evidence, or leaves as much beside it."""
     main = group[0].effect
-    if main.empirical or main.random or finding.nameless:
+    if main.empirical or finding.nameless:
         return finding
+    if main.random:  # a curve of its own joint's position has this name
+        functions = [f for f in functions if f.channels != main.drivers]
     if (probability := probability_of(group[0])) < EVEN:
         log.add("unlikely-name", "refused", main, probability, EVEN)
         name = Alternative(main.effect, main.where, 0.0, False, finding.motion, finding.driver, finding.probability)
@@ -62,17 +63,14 @@ def checked_alternative(
 
 
 def without_wanderers(model: EffectModel, log: DecisionLog) -> EffectModel:
-    """The model without findings by temperature or time whose motion has clearly more evidence as one that wanders.
+    """The model without findings whose motion has clearly more evidence as one that wanders in time.
 
-    What wanders resembles some temperature or warm-up by chance, and goes another way later. What a temperature drives
-    changes in time as well, but takes many functions of the clock to describe.
+    What wanders resembles some temperature, warm-up or curve by chance, and goes another way later. What a temperature
+    or a position drives changes in time as well, but takes many functions of the clock to describe.
     """
     groups, kept, wanders = model.findings, list[list[Step]](), list[Functions]()
     for group in groups:
         main = group[0].effect
-        if main.random or base_channels(main) != {"temperature"}:
-            kept.append(group)
-            continue
         wanders = wanders or wandering(model.start, np.unique(model.start.index))
         without = model.without(group)
         evidence, _ = _of_any_size(without, [s.effect for s in group])

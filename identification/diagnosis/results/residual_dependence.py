@@ -29,6 +29,7 @@ from identification.diagnosis.results.combined_waves import Wave
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.recorded_functions import CLOCK, Functions, only, recorded
 from identification.diagnosis.results.resampling import QUICK_RESAMPLES, clipped, gumbel, left, shifted, signed, thinned
+from identification.diagnosis.results.unsteady_motions import unsteady_motion
 from identification.diagnosis.search.criteria import heldout_rms
 from identification.estimation.noise import Noise, likeliest, series_edges
 
@@ -43,7 +44,8 @@ class Dependence:
 
     Attributes
     ----------
-    channels : one or two, by name; ``before(X)`` is the position of X commanded before.
+    channels : one or two, by name; ``before(X)`` is the position of X commanded before; none of what varies from row to
+        row.
     p_value : of independence.
     axis : x, y or z of the reference, along which a function of the channels predicts most of the rows that were left
         out.
@@ -68,6 +70,13 @@ class Dependence:
         moves = f", most of it {self.motion} of {self.element}," if self.motion else ""
         every = [f"{p:.3g} {u} of {c}" for p, u, c in zip(self.periods, self.units, self.channels, strict=False)]
         depends = f"repeats every {' and every '.join(every)}" if every else f"depends on {on}"
+        if not self.channels:
+            return (
+                f"what is left varies from row to row as {self.motion} of {self.element} would "
+                f"(p = {self.p_value:.0e}), by {self.size_um:.1f} um rms, most along {self.axis}: a motion that does "
+                "not repeat, one of several joints together, states that no column shows, or an instrument that is "
+                f"worse this way. {self._next('')}"
+            )
         return (
             f"what is left{moves} {depends} (p = {self.p_value:.0e}), in a form that no effect with a name has; "
             f"along {self.axis} this explains {self.size_um:.1f} um rms. {self._next(on)}"
@@ -75,6 +84,8 @@ class Dependence:
 
     def _next(self, on: str) -> str:
         """What to measure: time cannot be set."""
+        if not self.channels:
+            return "Return to one position again and again from elsewhere, and look whether it repeats"
         if self.channels == (CLOCK,):
             return "Measure fixed targets again and again between the positions"
         return f"Measure again with {on} at many values, in random order"
@@ -140,8 +151,12 @@ def dependence_of(
     log.add(
         "dependence-of-residuals", "found" if seen else "passed", "residuals", p_value, LEAST_P_VALUE, beside=beside
     )
-    if not seen and (wanders := _wandering(linear, parts, log)) is not None:
-        (p_value, part), seen = wanders, True
+    if not seen:
+        wanders, unsteady = _wandering(linear, parts, log), _unsteady(linear, sigma_um, log)
+        if unsteady is not None and wave is None and (wanders is None or unsteady.p_value < wanders[0]):
+            return unsteady
+        if wanders is not None:
+            (p_value, part), seen = wanders, True
     if not seen and wave is not None:
         part = wave.functions(linear)
     elif seen:
@@ -156,6 +171,15 @@ def dependence_of(
         periods, units = zip(*wave.in_files(linear.scene.moving), strict=True)
         return Dependence(wave.joints, wave.p_value, axis, size, periods=periods, units=units)
     return Dependence(part.channels, p_value, axis, size, part.element, part.motion)
+
+
+def _unsteady(linear: LinearModel, sigma_um: float, log: DecisionLog) -> Dependence | None:
+    """The motion that varies from row to row, on nothing that was recorded."""
+    if (found := unsteady_motion(linear, log)) is None:
+        return None
+    size = sigma_um * float(np.sqrt(found.variance))
+    axis = _main_axis(linear, found.element, found.motion)
+    return Dependence((), found.p_value, axis, size, found.element, found.motion)
 
 
 def _wandering(linear: LinearModel, parts: Sequence[Functions], log: DecisionLog) -> tuple[float, Functions] | None:
@@ -238,6 +262,13 @@ def _energy(functions: Array, whole: Array, series: list[slice]) -> Array:
     return np.asarray(sum(np.square(functions[s].T @ whole[s]).sum(axis=0) for s in series))
 
 
+def _main_axis(linear: LinearModel, element: str, motion: str) -> str:
+    """Axis of the reference along which a motion moves the point most."""
+    own = linear.levers[element][MOTIONS.index(motion)]
+    alike = [abs(float(lever @ own)) for lever in linear.levers[FRAME][:3]]
+    return "xyz"[int(np.argmax(alike))]
+
+
 def predicted(linear: LinearModel, part: Functions) -> tuple[str, float]:
     """Axis of the reference along which functions predict left-out blocks best, and the variance so predicted.
 
@@ -247,8 +278,7 @@ def predicted(linear: LinearModel, part: Functions) -> tuple[str, float]:
     before, seen = heldout_rms(linear) ** 2, len(linear.index)
     levers, functions = linear.levers[FRAME], part.values
     if part.motion:
-        alike = [abs(float(lever @ linear.levers[part.element][MOTIONS.index(part.motion)])) for lever in levers[:3]]
-        trials = {"xyz"[int(np.argmax(alike))]: functions}
+        trials = {_main_axis(linear, part.element, part.motion): functions}
     else:
         trials = {a: lever[:, None] * functions for a, lever in zip("xyz", levers, strict=False) if lever.any()}
     shares = list[tuple[float, float, str]]()

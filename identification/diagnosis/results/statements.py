@@ -88,7 +88,10 @@ def motion_name(place: tuple[str, Motion], machine: Machine) -> str:
 def causes(effects: Sequence[Effect]) -> str:
     """What drives some effects together, in words: the lags of one sensor in a row."""
     lags: dict[str, list[float]] = {}
+    plain = [set(e.drivers) for e in effects if not getattr(e, "tau", None)]
     for effect in effects:
+        if any(set(effect.drivers) < other for other in plain):
+            continue  # said with the others
         names = dict.fromkeys(effect.drivers)
         warm = [n for n in names if getattr(effect, "minus", None) and root(n).startswith("T_")]  # a difference of two
         said = [*(channel(n) for n in names if n not in warm), *([" less ".join(map(channel, warm))] if warm else [])]

@@ -167,7 +167,7 @@ def _lacking(names: Sequence[str], scene: Scene) -> Iterator[str]:
             yield f"{channel} did not move"
         elif channel.startswith("T_") and not scene.sensors:
             faults = (f"{name} cannot be used: {reason}" for name, reason in scene.unusable.items())
-            yield "; ".join(faults) or "no temperature was recorded"
+            yield "; ".join(faults) or "no temperature was recorded that changes"
         elif channel in ("time", "feed", "load") and not scene.varies(channel):
             yield f"no {channel} was recorded that changes"
         elif channel in TOOL_CHANNELS and not any(scene.varies(c) for c in TOOL_CHANNELS):

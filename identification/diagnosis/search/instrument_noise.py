@@ -15,6 +15,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.instruments.laser_tracker import LaserTracker
+from errormodel.instruments.plain import Plain
 from errormodel.survey import Survey
 from errormodel.surveys.columns import SIGMA_COLUMNS
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
@@ -52,7 +53,8 @@ def tracker_noise(
     ----------
     linear, candidates : of the fit; what explains the residuals best is taken out of them, whatever its name.
     """
-    if survey.instrument.stated or any(name in survey.table for name in SIGMA_COLUMNS):
+    named = survey.instrument.stated or not isinstance(survey.instrument, LaserTracker | Plain)
+    if named or any(name in survey.table for name in SIGMA_COLUMNS):
         log.add("points-for-noise", "passed", "instrument", beside="the survey names the instrument or its uncertainty")
         return None
     if "position" not in fit.solution.sigma:
@@ -130,11 +132,9 @@ def seen_in(points: Array, residuals: Array, log: DecisionLog = UNRECORDED) -> L
     from scipy.optimize import minimize
 
     middle, extent = points.mean(axis=0), float(np.linalg.norm(np.ptp(points, axis=0)))
-    length = np.linalg.norm(residuals, axis=1)
-    farthest = FAR * float(np.median(length))
-    if not extent or not farthest:
+    residuals = without_tails(residuals)
+    if not extent or not residuals.any():
         return None
-    residuals = residuals * (farthest / np.maximum(length, farthest))[:, None]
     noise = float(np.sqrt(np.mean(residuals**2)))
     data = (points - middle) / extent, residuals / noise
     floor, ceiling = 2 * np.log(LEAST), 2 * np.log(FARTHEST)
@@ -157,7 +157,19 @@ def seen_in(points: Array, residuals: Array, log: DecisionLog = UNRECORDED) -> L
     usual = likeliest(origin, [*((float(x), float(x)) for x in origin), *bounds[3:]])
     best = usual if possible(usual) and usual.fun < best.fun + ORIGIN else best
     target, *others = noise * np.exp(best.x[3:] / 2) / [1, 1, extent, extent]
-    return _tracker(middle + extent * best.x[:3], [*others, target])
+    tracker = _tracker(middle + extent * best.x[:3], [*others, target])
+    along, across = _along_and_across(tracker, points)
+    log.add("range-better-than-angle", "found" if along < across else "refused", "instrument", along / across, 1.0)
+    return tracker if along < across else None
+
+
+def without_tails(residuals: Array) -> Array:
+    """Residuals (n, 3) of which those in a tail are made shorter: few would else say where their noise comes from."""
+    length = np.linalg.norm(residuals, axis=1)
+    farthest = FAR * float(np.median(length))
+    if not farthest:
+        return np.zeros_like(residuals)
+    return np.asarray(residuals * (farthest / np.maximum(length, farthest))[:, None])
 
 
 def _tracker(station: Iterable[float], uncertainties: Iterable[float]) -> LaserTracker:
@@ -167,11 +179,21 @@ def _tracker(station: Iterable[float], uncertainties: Iterable[float]) -> LaserT
     return LaserTracker(station=at, range=[fixed, growing], angle=angle, target=target)
 
 
-def _note(tracker: LaserTracker, points: Array) -> str:
-    away = float(np.sqrt(np.mean(np.sum((points - tracker.station) ** 2, axis=1))))
+def _away(tracker: LaserTracker, points: Array) -> float:
+    """Root mean square distance of points (n, 3) from a tracker."""
+    return float(np.sqrt(np.mean(np.sum((points - tracker.station) ** 2, axis=1))))
+
+
+def _along_and_across(tracker: LaserTracker, points: Array) -> tuple[float, float]:
+    """Standard uncertainty of points (n, 3) along the line of sight and across it, one coordinate."""
+    away = _away(tracker, points)
     fixed, growing, angle, target = _sizes(tracker)
-    along = np.hypot(target, np.hypot(fixed, growing * away))
-    across = np.hypot(target, angle * away)
+    return float(np.hypot(target, np.hypot(fixed, growing * away))), float(np.hypot(target, angle * away))
+
+
+def _note(tracker: LaserTracker, points: Array) -> str:
+    away = _away(tracker, points)
+    along, across = _along_and_across(tracker, points)
     own = f"range: {tracker.range}, angle: {tracker.angle}, target: {tracker.target}"
     block = f"instrument: {{type: {tracker.type}, station: {list(tracker.station)}, {own}}}"
     return (

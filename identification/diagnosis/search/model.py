@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.blocks import NOTHING
@@ -84,6 +85,24 @@ def fitted_of_groups(model: EffectModel) -> list[Array]:
     mains = [k if s.parent is None else s.parent for k, s in enumerate(model.steps)]
     owner = np.repeat(mains, [len(own) for own in columns])
     return [values[owner == main] @ left[owner == main] for main in dict.fromkeys(mains)]
+
+
+def held_by_data(model: EffectModel) -> list[Effect]:
+    """Effects of a model, in its order, of which empirical ones have a size: that of random effects beside all others.
+
+    What the rows do not determine of them then stays as small as the rest is, where no usual size holds it: the sine
+    of a wave, at its zeros only, would be anything in between.
+    """
+    out = []
+    for step in model.steps:
+        effect = step.effect
+        if effect.empirical and not effect.random:
+            beside = model.without([step])
+            ratio, _, variance = beside.random(beside.columns(effect)[0]).best()
+            if ratio:
+                effect = effect.model_copy(update={"size": float(f"{np.sqrt(ratio * variance):.4g}")})
+        out.append(effect)
+    return out
 
 
 def log_posterior(model: EffectModel) -> float:

@@ -1,0 +1,46 @@
+"""What no row determines of a term without a name stays small in the extended machine, and in every later fit of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from errormodel.effects import make
+from errormodel.machine import EffectSpec
+from errormodel.machine_file import read_machine
+from identification.diagnosis.linear.of_fit import set_up
+from identification.diagnosis.search.model import held_by_data, replayed
+from identification.diagnosis.search.scoring import Step
+from identification.estimation.fit import fit_machine
+from tests.helpers.diagnosed import empty_survey, showing
+
+AMPLITUDE_MM = 0.01
+
+
+def test_the_sine_of_a_wave_that_was_seen_at_its_zeros_stays_small() -> None:
+    """Z has levels half a period apart: the cosine is known there, the sine is anything without a size."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 200, 4, channels=False, grid=False)
+    low, high = machine.joints[-1].travel
+    levels = np.linspace(low, high, 8)
+    rng = np.random.default_rng(4)
+    # a micrometre beside the levels: a column of rounding alone would be left out
+    table = survey.table.assign(**{machine.joints[-1].name: rng.choice(levels, 200) + rng.normal(0, 1e-3, 200)})
+    period = 2 * float(levels[1] - levels[0])
+    wave = {"element": machine.joints[0].name, "motion": "dx", "driver": machine.joints[-1].name, "period": period}
+    own = EffectSpec("unnamed", wave)
+    shown = showing(replace(survey, table=table), machine, [(own, [AMPLITUDE_MM * np.cos(0.0), 0.0])], 0.003)
+    fit = fit_machine(machine, shown)
+    model = replayed(set_up(fit), [Step(make(own), 50.0, 100.0, 0.1)])
+    (effect,) = held_by_data(model)
+    assert effect.size is not None  # type: ignore[attr-defined]
+    assert 0.3 * AMPLITUDE_MM < effect.size < 3 * AMPLITUDE_MM  # type: ignore[attr-defined]
+    for spec, largest in ((EffectSpec("unnamed", {**wave, "size": effect.size}), 3.0), (own, None)):  # type: ignore[attr-defined]
+        fitted = fit_machine(replace(machine, effects=(spec,)), shown)
+        named = fitted.solution.named()
+        values = np.abs([named[i] for i in fitted.chain.effect_ids[0] if i in named])
+        if largest is None:
+            assert values.max() > 30 * AMPLITUDE_MM
+        else:
+            assert values.max() < largest * AMPLITUDE_MM

@@ -1,0 +1,48 @@
+"""Motions that vary from row to row: seen by their levers, or where one direction is much worse; never in noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from identification.diagnosis.results.residual_dependence import dependence_of
+from identification.diagnosis.results.unsteady_motions import unsteady_motion
+from tests.helpers.linear_models import NOISES, ROWS, linear, nothing
+
+
+@pytest.mark.parametrize("kind", NOISES)
+def test_no_motion_is_unsteady_in_noise(kind: str) -> None:
+    for seed in range(40):
+        rng = np.random.default_rng(900 + seed)
+        assert unsteady_motion(linear(nothing, NOISES[kind](rng), rng)) is None, seed
+
+
+def test_a_state_that_switches_between_rows_is_seen_in_the_motion_that_it_makes() -> None:
+    found = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        model = linear(nothing, rng.normal(size=3 * ROWS), rng)
+        tilt = 3.0 * np.tile(rng.choice([-1.0, 1.0], ROWS), 3) * model.levers["Y"][4]
+        found.append(dependence_of(replace(model, residual=model.residual + model.project(tilt[None])[0]), 1.0))
+    seen = [f for f in found if f is not None]
+    assert len(seen) == 6
+    assert {f.motion for f in seen} == {"eb"}
+    unrecorded = [f for f in seen if not f.channels]
+    assert len(unrecorded) >= 4
+    # of 3 times a lever whose square is 2/3 in the mean: 2.4, less what is clipped of it
+    assert all(1.6 < f.size_um < 2.8 for f in unrecorded)
+    assert all("varies from row to row as eb of" in f.text and "repeats" in f.text for f in unrecorded)
+
+
+@pytest.mark.parametrize(("times", "seen"), [(1.3, False), (3.0, True)])
+def test_an_instrument_is_a_little_worse_in_one_direction(times: float, seen: bool) -> None:
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        noise = rng.normal(size=(3, ROWS)) * np.array([[1.0], [times], [1.0]])
+        found = unsteady_motion(linear(nothing, noise.ravel(), rng))
+        assert (found is not None) == seen, seed
+        if found is not None:
+            assert found.motion == "dy"
+            assert found.gain_over_covariance < 5.0  # a constant covariance says as much: the direction only
