@@ -20,7 +20,7 @@ from tests.helpers.diagnosed import empty_survey, showing
 
 MILL = "vertical_three_axis"
 ELSEWHERE = LaserTracker(
-    type="laser-tracker", station=[1800.0, -900.0, 700.0], range=[1.5e-3, 0.5e-6], angle=4e-6, target=1e-3
+    type="laser-tracker", station=[1800.0, -900.0, 700.0], range=[1.5e-3, 3.0e-6], angle=1.2e-6, target=1e-3
 )
 AT_HOME = LaserTracker(type="laser-tracker", range=[1.0e-3, 0.5e-6], angle=5e-6)
 

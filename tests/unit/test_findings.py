@@ -27,7 +27,6 @@ from identification.diagnosis.results.effect_size import Whole, whole_of
 from identification.diagnosis.results.findings import (
     BETTER,
     CHOSEN,
-    FORM_ERROR,
     alternatives_of,
     look_alikes,
     probabilities_of,
@@ -267,9 +266,8 @@ def test_all_names_are_equally_likely_beforehand_and_of_one_name_all_its_places(
         names = probabilities_of(Step(made("backlash", joint="X"), 50.0, 60.0, 0.3, alternatives=(rival,), places=own))
         return names["lost-motion"] / names["backlash"]
 
-    temper = 1 + FORM_ERROR**2 * 60 / 0.7
     assert odds(1, 1) == pytest.approx(math.exp(-CHOSEN))
-    assert odds(3, 6) == pytest.approx(odds(1, 1) * 2 ** (-1 / temper))
+    assert odds(3, 6) == pytest.approx(odds(1, 1) / 2)
     assert odds(6, 3) == odds(1, 1)  # no other name counts for more than the chosen one
 
 

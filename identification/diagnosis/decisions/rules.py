@@ -109,8 +109,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             NOISE, "log likelihood ratio", "Residuals that are clearly those of a line of sight weigh the rows.",
             _in(_NOISE, "CLEAR", "ORIGIN", "CLOSEST_MM"),
         ),
-        "range-better-than-angle": Rule(
-            NOISE, RATIO, "Noise that is larger along a line of sight than across it is no tracker's.",
+        "one-direction-instead": Rule(
+            NOISE, "log likelihood ratio",
+            "Noise that is larger along a line of sight than across it must clearly turn with it.",
+            _decided("DECISIVE_ODDS"),
         ),
         "declared-station": Rule(
             NOISE, "log likelihood ratio", "A declared station that fits better as a point of the machine is named.",
@@ -286,7 +288,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         # ---- probability of a name
         "name-probability": Rule(
             NAMES, "probability", "Evidence over the number of places, and prior odds, give the probability of a name.",
-            _decided("FORM_ERROR", "CLEARLY", "NEAR", "FLEXIBLE_ODDS", "CHOSEN", "UNKNOWN"),
+            _decided("CLEARLY", "CHOSEN", "UNKNOWN"),
         ),
         "unlikely-name": Rule(
             NAMES, "probability", "A name that is less likely than not is none.", _decided("EVEN"),

@@ -17,9 +17,6 @@ from identification.diagnosis.decisions.constants import (
     CHOSEN,
     CLEARLY,
     DECISIVE_ODDS,
-    FLEXIBLE_ODDS,
-    FORM_ERROR,
-    NEAR,
     UNKNOWN,
 )
 from identification.diagnosis.decisions.log import DecisionLog, named
@@ -224,8 +221,6 @@ def preference(step: Step, alternative: Step) -> str:
     """Why a step was preferred to an alternative that fits this data better."""
     if alternative.effect.empirical and not step.effect.empirical:
         return "a curve without a name can follow anything: known physics is preferred"
-    if _odds(alternative) > _odds(step):
-        return "it can follow any smooth curve, and counts for less than a form that physics fixes"
     if posterior(alternative) <= posterior(step):
         return "it would be likelier at some of the many places, or by some of the many drivers, that it may have"
     return "what it leaves looks less like noise, or it departs more from its textbook form"
@@ -253,12 +248,8 @@ def probability_of(step: Step) -> float:
 
 
 def probabilities_of(step: Step) -> dict[str, float]:
-    """Posterior probability of each name among a step and its alternatives; the rest is chance, or an unknown effect.
-
-    No form is exact, so that a difference of evidence counts for less the larger the whole effect is (`_temper`). That
-    there is something, of whatever form, is not doubted for that.
-    """
-    best = {CHANCE: math.log(max(step.trials, 1)) - step.evidence + _tempered(step, step)}
+    """Posterior probability of each name of a step and its alternatives; the rest is chance, or an unknown effect."""
+    best = {CHANCE: math.log(max(step.trials, 1)) + step.log_prior}
     for one in (step, *step.alternatives):
         name = one.effect.effect
         best[name] = max(best.get(name, -np.inf), _weight(one, step))
@@ -268,34 +259,16 @@ def probabilities_of(step: Step) -> dict[str, float]:
     return {name: float(weight / total) for name, weight in weights.items() if name != CHANCE}
 
 
-def _temper(step: Step) -> float:
-    """Variance of the difference of two forms' evidence, relative to that by noise alone (a power likelihood).
-
-    The error of a form is a share of the whole effect. The geometry hides most of many an effect; of the error of its
-    form, which is what two forms differ by, it need not hide any. What has no name has no such form.
-    """
-    if step.effect.empirical:
-        return 1.0
-    whole = max(step.delta_chi2, 0.0) / max(1 - step.absorbed, TINY)
-    return float(1 + FORM_ERROR**2 * whole)
-
-
 def _weight(one: Step, step: Step) -> float:
     """Log posterior odds of a step or one of its alternatives."""
-    return _tempered(one, step) - _odds(one)
-
-
-def _tempered(one: Step, step: Step) -> float:
-    """What is known of a step or one of its alternatives by its place and by the data, as far as forms are exact."""
     # an alternative counts for no more than the chosen name: of 47 such names 45 were right (seeds 86602540 and
     # 10488088)
-    return min(posterior(one), posterior(step)) / _temper(step)
+    return min(posterior(one), posterior(step)) - _odds(one)
 
 
 def _odds(step: Step) -> float:
-    """Log prior odds of named physics of a fixed form against this step."""
-    adaptable = step.effect.flexible or step.delta_chi2 - step.delta_chi2_of_form < (1 - NEAR) * step.delta_chi2
-    return CLEARLY if step.effect.empirical else FLEXIBLE_ODDS if adaptable else 0.0
+    """Log prior odds of named physics against this step."""
+    return CLEARLY if step.effect.empirical else 0.0
 
 
 def p_value_of(step: Step) -> float:

@@ -270,12 +270,12 @@ def _main_axis(linear: LinearModel, element: str, motion: str) -> str:
 
 
 def predicted(linear: LinearModel, part: Functions) -> tuple[str, float]:
-    """Axis of the reference along which functions predict left-out blocks best, and the variance so predicted.
+    """Axis of the reference along which functions predict left-out blocks best, and the variance of what is left of it.
 
     Those of a motion act as this moves the point: the axis is that along which it moves most. What wanders in time
     predicts no row that was left out: its variance is then that of the fitted rows, less what the noise gives it.
     """
-    before, seen = heldout_rms(linear) ** 2, len(linear.index)
+    before, whole, seen = heldout_rms(linear) ** 2, linear.square / linear.freedom, len(linear.index)
     levers, functions = linear.levers[FRAME], part.values
     if part.motion:
         trials = {_main_axis(linear, part.element, part.motion): functions}
@@ -286,10 +286,10 @@ def predicted(linear: LinearModel, part: Functions) -> tuple[str, float]:
         columns = np.zeros((values.shape[1], linear.size))
         columns[:, :seen] = values.T
         after = linear.with_columns(columns)
-        left = after.square / max(after.freedom, 1) / (linear.square / linear.freedom)
+        left = after.square / max(after.freedom, 1) / whole
         shares.append((1 - heldout_rms(after) ** 2 / before, 1 - left, axis))
     predicted, _, axis = max(shares)
     if predicted > LEAST_SHARE:
-        return axis, predicted * before
+        return axis, predicted * whole
     _, fitted, axis = max(shares, key=lambda s: s[1])
-    return axis, fitted * before if fitted > LEAST_SHARE else 0.0
+    return axis, fitted * whole if fitted > LEAST_SHARE else 0.0

@@ -16,7 +16,7 @@ from errormodel.conventions import FRAME, MOTIONS
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.resampling import CLIP
-from identification.diagnosis.search.instrument_noise import CLEAR, FEWEST
+from identification.diagnosis.search.instrument_noise import CLEAR, FEWEST, gain_of_covariance
 from identification.diagnosis.search.scoring import DETECT
 
 LARGE = 0.5  # of the variance: an instrument that is twice as bad in one direction as in others has as much there
@@ -91,12 +91,11 @@ def _largest(linear: LinearModel) -> tuple[Unsteady | None, int]:
     gains = -n / 2 * np.log(left / square) - 0.5 * np.array([np.log1p(r * length).sum(axis=1) for r in RATIOS])
     gains *= _independent(np.sum(every * residual, axis=2) / np.sqrt(whole))
     k, j = np.unravel_index(int(gains.argmax()), gains.shape)
-    covariance = residual.T @ residual / len(residual)
-    equal = float(np.trace(covariance)) / len(covariance)
-    constant = len(residual) / 2 * (len(covariance) * np.log(equal) - float(np.linalg.slogdet(covariance)[1]))
     ratio, gain = float(RATIOS[k]), float(gains[k, j])
-    share = ratio / (ratio + len(covariance))
-    return Unsteady(*names[j], gain, gain - constant, ratio * float(left[k, j]) / n, share), len(names)
+    share = ratio / (ratio + residual.shape[1])
+    return Unsteady(*names[j], gain, gain - gain_of_covariance(residual), ratio * float(left[k, j]) / n, share), len(
+        names
+    )
 
 
 def _independent(series: Array) -> Array:

@@ -159,8 +159,21 @@ def seen_in(points: Array, residuals: Array, log: DecisionLog = UNRECORDED) -> L
     target, *others = noise * np.exp(best.x[3:] / 2) / [1, 1, extent, extent]
     tracker = _tracker(middle + extent * best.x[:3], [*others, target])
     along, across = _along_and_across(tracker, points)
-    log.add("range-better-than-angle", "found" if along < across else "refused", "instrument", along / across, 1.0)
-    return tracker if along < across else None
+    if along < across:
+        return tracker
+    # the angles of trackers are worse than their range; a motion that varies is as large along one direction
+    beyond = residuals.size / 2 - float(best.fun) - gain_of_covariance(residuals)
+    turns = beyond > DETECT
+    log.add("one-direction-instead", "found" if turns else "refused", "instrument", beyond, DETECT)
+    return tracker if turns else None
+
+
+def gain_of_covariance(residuals: Array) -> float:
+    """Log likelihood ratio of residuals (n, 3) with one covariance to such with equal variances."""
+    covariance = residuals.T @ residuals / len(residuals)
+    equal = float(np.trace(covariance)) / len(covariance)
+    determinant = float(np.linalg.slogdet(covariance)[1])
+    return len(residuals) / 2 * (len(covariance) * float(np.log(equal)) - determinant)
 
 
 def without_tails(residuals: Array) -> Array:
