@@ -32,8 +32,8 @@ LEAST_P_VALUE = 1e-3
 
 # ---- how large a part
 NEAR = 0.1
-"""Of the best evidence: others are near it. Of what was fitted of a finding: it has hardly changed. Two causes that
-lack no more of what a curve explains come before it; a name whose departure explains more is no fixed form."""
+"""Of an alternative's evidence: refinements may make up for as much. Of what was fitted of a finding: it has hardly
+changed. Two causes that lack no more of what a curve explains come before it."""
 
 MUCH = 0.3
 """Of what a finding explains: as much is no departure from its form (`DEPARTURES`: e to the -8 beforehand). A witness
@@ -76,7 +76,7 @@ with a variance of so many times that of white noise. Beyond them it is a drift 
 STEADY_UM = 4.0
 """Standard deviation, um, of what good instruments drift in a shop; by judgement."""
 
-# ---- probability of a name (calibrated on 357 findings of five simulators by other authors and LATER of the proof)
+# ---- probability of a name (calibrated on 356 findings of five simulators by other authors and 201 of the proof)
 CHOSEN = 0.5
 """Log odds of the preferred step among near-ties: that with most evidence in correlated noise."""
 

@@ -149,11 +149,11 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "near-tie": Rule(
             SELECTION, EVIDENCE,
-            "Named effects near the best one, also in correlated noise, by evidence over the number of their places.",
-            _decided("CLEARLY", "NEAR"),
+            "Named effects that the best one does not clearly exceed, by evidence over the number of their places.",
+            _decided("CLEARLY"),
         ),
         "most-evidence": Rule(
-            SELECTION, EVIDENCE, "Of the near-ties that are left, that with most evidence in correlated noise is first."
+            SELECTION, EVIDENCE, "Of the near-ties, that with most evidence in correlated noise is first."
         ),
         "empirical-lead": Rule(
             SELECTION, EVIDENCE, "An empirical term must lead the best named effect clearly.", _decided("CLEARLY")

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.effects.base import Effect
-from identification.diagnosis.decisions.constants import CLEARLY, DECISIVE_ODDS, NEAR
+from identification.diagnosis.decisions.constants import CLEARLY, DECISIVE_ODDS
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
@@ -91,18 +91,12 @@ def _names(linear: LinearModel, ranked: Sequence[Step], log: DecisionLog) -> lis
     if len(ranked) < 2:
         return list(ranked)
     ranked = sorted(ranked, key=lambda s: -posterior(s))
-    reach = max(CLEARLY, NEAR * ranked[0].evidence)
-    behind = posterior(ranked[0]) - reach
+    behind = posterior(ranked[0]) - CLEARLY
     able = [s for s in ranked if posterior(s) > behind]
     log.set_aside("near-tie", ranked, able, posterior, behind, ranked[0].effect)
     in_noise = zip(able, evidence_in_any_noise(linear, able), strict=True)
     left = {id(s): e + s.log_prior for s, e in in_noise}
-    near = [s for s in able if left[id(s)] > max(left.values()) - reach]
-    log.set_aside("near-tie", able, near, lambda s: left[id(s)], max(left.values()) - reach, ranked[0].effect)
-    least = posterior(near[0]) - CLEARLY
-    kept = [s for s in near if posterior(s) > least]
-    log.set_aside("near-tie", near, kept, posterior, least, near[0].effect)
-    first = sorted(kept, key=lambda s: -left[id(s)])
+    first = sorted(able, key=lambda s: -left[id(s)])
     log.set_aside("most-evidence", first, first[:1], lambda s: left[id(s)], left[id(first[0])], first[0].effect)
     return [*first, *(s for s in ranked if s not in first)]
 
