@@ -35,9 +35,9 @@ GROUPS = {  # what became of candidates, in the order of the stages, and how man
     MERGED: ("part of a finding", 5),
     ALTERNATIVE: ("another explanation of a finding", 8),
     CONTRADICTED: ("contradicted by a witness", 4),
-    TAKEN_OUT: ("accepted once, and taken out again", 4),
+    TAKEN_OUT: ("accepted, then taken out again", 4),
     REFUSED: ("refused by a test", 5),
-    BEHIND: ("another candidate was preferred, and refused", 5),
+    BEHIND: ("behind one that was refused", 5),
     EXPLAINED: ("explained by what was found", 6),
     LOW: ("too little evidence from the first", 5),
     NEVER: ("cannot be seen in this survey", 5),
@@ -64,7 +64,7 @@ def draw_decisions(parts: Mapping[str, History], asked: Collection[Place] = ()) 
     style.dress(axes, "gain in log likelihood")
     axes.set_xscale("log")
     gains = [d.gain for d in history.decisions if d.rule == "candidate-score" and d.gain]
-    high = 2 * max([10.0, *gains])
+    high = 2 * max([10.0, *gains, *(_first_gain(f) for _, fates, _ in groups for f in fates)])
     axes.set_xlim(LEAST_GAIN / 1.5, high)
     style.decades(axes.xaxis, LEAST_GAIN, high)
     axes.set_ylim(rows - 0.5, -0.5)
@@ -143,11 +143,12 @@ def _reason(fate: Fate, history: History) -> str:
     rules = [d for d in fate.deciding if d.rule != "candidate-score"]
     if fate.word == FOUND:
         tests = {d.rule: d for d in rules if d.rule in ("detection-in-correlated-noise", "cross-validation")}
-        return style.plain(", ".join(map(_test, tests.values())), 52)
+        begun = "a repeated search begins with it" if any(d.rule == "search-from" for d in rules) else ""
+        return style.plain(", ".join(map(_test, tests.values())) or begun, 52)
     if not rules:
         return ""
     d = rules[-1]
-    return _test(d) if d.value is not None else style.plain(f"{d.rule}: {d.compared_with}", 52)
+    return _test(d) if d.value is not None else style.plain(d.compared_with or d.rule, 52)
 
 
 def _test(d: Decision) -> str:

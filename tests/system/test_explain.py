@@ -81,6 +81,24 @@ def test_an_effect_with_too_little_evidence_and_one_that_was_no_candidate(gantry
     assert "was no candidate" in said(gantry, "eccentricity")  # it has no rotary joint
 
 
+@pytest.mark.parametrize(("asked", "rule"), [("outliers", "gross-outlier: "), ("axis-blunder@X", "nominal-misfit: ")])
+def test_what_the_data_are_checked_for_is_said_with_the_checks(gantry: Path, asked: str, rule: str) -> None:
+    text = said(gantry, asked)
+    assert "was not found: it is no candidate, the data are checked for it" in text
+    assert rule in text
+
+
+def test_no_finding_is_an_alternative_to_itself(gantry: Path) -> None:
+    table, finding = said(gantry).split("probability of a name: ")[1].split("\n\n")[0], "beam-sag@X"
+    assert finding in table
+    assert f"instead {finding}" not in table
+
+
+def test_the_margin_of_a_chance_is_a_factor(gantry: Path) -> None:
+    (line,) = (x for x in said(gantry).splitlines() if "dependence-of-residuals: " in x)
+    assert "(p-value), threshold 0.001, margin a factor of " in line
+
+
 def test_all_stages_stand_in_their_order(gantry: Path) -> None:
     text = said(gantry)
     stages = ("data checks", "outliers", "instrument noise", "candidates", "forward selection", "untestable effects")

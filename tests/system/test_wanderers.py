@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from errormodel.effects import make
@@ -12,6 +13,7 @@ from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.of_fit import set_up
+from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.nameless_alternative import without_wanderers
 from identification.diagnosis.search.model import replayed
 from identification.diagnosis.search.scoring import Step
@@ -37,3 +39,21 @@ def test_what_wanders_more_than_the_temperature_tells_is_not_its_doing(driver: s
     assert [s.effect for s in left.steps] == [found] * kept
     (decision,) = (d for d in log if d.rule == "wanders-instead")
     assert decision.outcome == ("kept" if kept else "removed")
+
+
+@pytest.mark.parametrize("seed", [3, 5])
+def test_what_the_travel_leaves_behind_is_no_curve_of_it(seed: int) -> None:
+    """A state that the ends of strokes set, of 8 um in one direction: no curve of the position is its cause."""
+    machine, rows = read_machine("bridge_cmm"), 300
+    survey = empty_survey(machine, rows, seed, channels=False, grid=False)
+    joint = machine.joints[0]
+    low, high = joint.travel
+    stroke = (low + high) / 2 + 0.49 * (high - low) * np.sin(2 * np.pi * np.arange(rows) / 100 + seed)
+    ends = np.where(stroke > low + 0.7 * (high - low), 1.0, np.where(stroke < low + 0.3 * (high - low), -1.0, np.nan))
+    state = pd.Series(ends).ffill().fillna(-1.0).to_numpy()
+    truth = EffectSpec("unnamed", {"element": joint.name, "motion": "dy", "driver": "w_state"})
+    table = survey.table.assign(**{joint.name: stroke, "w_state": state})
+    shown = showing(replace(survey, table=table), machine, [(truth, [0.008])], 0.003)
+    found = diagnose(machine, replace(shown, table=shown.table.drop(columns="w_state"))).diagnosis
+    assert not [f.effect for f in found.findings if f.effect != "unnamed"]  # a curve was named before
+    assert found.verdict != "adequate"
