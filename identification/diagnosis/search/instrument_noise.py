@@ -34,7 +34,8 @@ FEWEST = 60  # points with three components
 MOST = 12  # proposals that are taken out first: what so many do not explain is not yet noise
 CLEAR = 25.0  # log-likelihood ratio: seven parameters gain 3 to 4 by chance, 10 in noise with heavy tails
 NEAREST, FARTHEST = 1e-3, 30.0  # of the points' extent: how far the instrument may be from their middle, and deviations
-AWAY = 0.7  # of the extent: where stations are looked for first
+AWAY = 0.7  # of the extent: where stations are looked for first, all round
+AHEAD = (1.0, 3.0)  # of the extent: the same along the direction with the smallest variance
 FAR = 2.5  # times the median length: residuals in a tail count as one there, or few would say where the tracker is
 # no tracker measures nearer than its own head is wide; a station among the points would fit each row's own noise
 CLOSEST_MM = 50.0
@@ -147,7 +148,10 @@ def seen_in(points: Array, residuals: Array, log: DecisionLog = UNRECORDED) -> L
         away = extent * float(np.linalg.norm(data[0] - found.x[:3], axis=1).min())
         return away > CLOSEST_MM and residuals.size / 2 - float(found.fun) > CLEAR
 
-    tried = [likeliest(AWAY * np.array(d), bounds) for d in product((-1, 1), repeat=3)]
+    ahead = np.linalg.eigh(data[1].T @ data[1])[1][:, 0]  # a tracker's range has it
+    starts = [AWAY * np.array(d) for d in product((-1, 1), repeat=3)]
+    starts += [side * far * ahead for side, far in product((-1, 1), AHEAD)]
+    tried = [likeliest(start, bounds) for start in starts]
     best = min(filter(possible, tried), key=lambda f: f.fun, default=None)
     gained = residuals.size / 2 - float(min(tried if best is None else [best], key=lambda f: f.fun).fun)
     log.add("line-of-sight", "passed" if best is None else "found", "instrument", gained, CLEAR)
