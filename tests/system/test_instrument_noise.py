@@ -41,6 +41,16 @@ def test_the_station_and_the_noise_of_a_tracker_show_in_its_residuals(seed: int)
     assert 0.65 < np.quantile(size, 0.1) < np.quantile(size, 0.9) < 1.4  # twelve draws: 0.73 to 1.24
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_tracker_that_stands_far_off_is_found(seed: int) -> None:
+    points = np.random.default_rng(seed).uniform([500, 200, -300], [1300, 900, 300], (300, 3))
+    far = AT_HOME.model_copy(update={"station": (4000.0, -2500.0, 800.0), "angle": 4e-6})
+    seen = seen_in(points, far.draw_noise(points, np.random.default_rng(seed + 9)))
+    assert seen is not None  # searched all round the points only, two of six were not
+    size = np.linalg.norm(seen.covariance(points), axis=(1, 2)) / np.linalg.norm(far.covariance(points), axis=(1, 2))
+    assert 0.8 < np.quantile(size, 0.1) < np.quantile(size, 0.9) < 1.25
+
+
 def test_a_tracker_in_its_own_coordinates_stands_in_their_origin() -> None:
     points = cloud(7)
     seen = seen_in(points, AT_HOME.draw_noise(points, np.random.default_rng(8)))
