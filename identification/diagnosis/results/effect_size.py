@@ -16,6 +16,7 @@ from identification.observation.models import PositionView
 from identification.observation.readings import ReadingView
 
 MOST_ROWS = 2000
+VARIES = 1e-6  # of a motion: less is rounding
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,9 @@ class Whole:
     effects, ids : the main effect and its refinements, and each one's parameters in the final fit.
     values, covariance : (k,), (k, k) of all their parameters.
     motions : (element, motion) -> (k, n) of the motion (mm, rad) per unit of each parameter, at the survey's rows.
-    tip : (element, motion) -> root mean square (um) of what that motion does at the tip.
-    size_um : root mean square of what all of them do at the tip.
+    tip : (element, motion) -> root mean square (um) of what that motion does at the tip, about its mean where any
+        varies: a constant is the geometry's as well.
+    size_um : root mean square of what all of them do at the tip, likewise.
     """
 
     effects: tuple[Effect, ...]
@@ -118,7 +120,10 @@ def whole_of(final: Fit, effects: Sequence[Effect], numbers: Sequence[int]) -> W
     covariance = s.covariance[np.ix_(pick, pick)] * final.inflation**2
     units = {i: chain.parameters[chain.index[i]].unit for i in every}
     motions, levers = _seen(final, every)
-    at_tip = {p: np.einsum("cn,n->cn", levers[p], values @ rows) for p, rows in motions.items()}
+    curves = {p: values @ rows for p, rows in motions.items()}
+    if any(np.ptp(c) > VARIES * np.abs(c).max() for c in curves.values()):
+        curves = {p: c - c.mean() for p, c in curves.items()}
+    at_tip = {p: np.einsum("cn,n->cn", levers[p], c) for p, c in curves.items()}
     tip = {p: _rms(move) for p, move in at_tip.items()}
     together: Array = np.array([*at_tip.values()]).sum(axis=0) if at_tip else np.zeros((3, 1))
     return Whole(tuple(effects), ids, units, values, covariance, motions, tip, _rms(together))

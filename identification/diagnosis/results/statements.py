@@ -256,7 +256,11 @@ def _further(whole: Whole, other: Sequence[bool], shown: Sequence[tuple[str, Mot
     terms = sum(differs and bool(own & places[0]) for differs, own in zip(other, places, strict=True))
     words = f", and {' and '.join(less)} less" if less else ""
     refining = f", with {terms} further term{'s' * (terms > 1)} that refine{'s' * (terms == 1)} its form"
-    return words + (refining if terms else "")
+    known = {root(d) for e, differs in zip(whole.effects, other, strict=True) if not differs for d in e.drivers}
+    drivers = (d for e, differs in zip(whole.effects, other, strict=True) if differs for d in map(root, e.drivers))
+    further = [channel(d) for d in dict.fromkeys(drivers) if d not in known]
+    also = f" and depend{'s' * (terms == 1)} on {' and '.join(further)} as well" if further else ""
+    return words + (refining + also if terms else "")
 
 
 def _determined(whole: Whole) -> bool:
