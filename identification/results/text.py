@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 
 SHOWN = 12  # outliers
 SHOWN_SET_UPS = 24  # unknowns of set-ups
-FORMS_PRINTED = 3  # alternatives, after which those without a name are left to diagnosis.json
-LEAST_PRINTED = 0.01  # probability of an alternative that the data distinguish from the finding
+LEAST_PRINTED = 0.01  # probability of an alternative that is printed in any case
 
 
 def description_lines(description: Description) -> Iterator[str]:
@@ -227,12 +226,13 @@ def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def _worth_printing(alternatives: Sequence[Alternative]) -> list[Alternative]:
-    """Named physics that may be it, and of forms without a name the first; not what the data say it is not."""
+    """Named physics that the data leave open, and whatever may well be it; not what is known not to be it."""
     from errormodel.effects import registry
 
-    open_ = [a for a in alternatives if not a.separable or (a.probability or 0.0) >= LEAST_PRINTED]
-    named_ = [a for a in open_ if (kind := registry().get(a.effect)) is None or not kind.empirical]
-    return [a for k, a in enumerate(open_) if k < FORMS_PRINTED or any(a is n for n in named_)]
+    def named_(a: Alternative) -> bool:
+        return (kind := registry().get(a.effect)) is None or not kind.empirical
+
+    return [a for a in alternatives if (a.probability or 0.0) >= LEAST_PRINTED or (not a.separable and named_(a))]
 
 
 def _observation_lines(readings: Sequence[ReadingSizes]) -> Iterator[str]:
