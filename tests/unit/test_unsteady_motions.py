@@ -46,3 +46,20 @@ def test_an_instrument_is_a_little_worse_in_one_direction(times: float, seen: bo
         if found is not None:
             assert found.motion == "dy"
             assert found.gain_over_covariance < 5.0  # a constant covariance says as much: the direction only
+
+
+def test_a_motion_that_moves_no_whole_row_is_none() -> None:
+    """Its lever is zero in all rows with three components, but not in the others."""
+    rng = np.random.default_rng(1)
+    model = linear(nothing, rng.normal(size=3 * ROWS), rng)
+    model.levers["Y"][:] = 0.0
+    model.levers["Y"][0, :20] = 1.0
+    left = ~np.isin(np.arange(3 * ROWS), np.arange(ROWS, ROWS + 20))  # the first rows lack y
+    some = replace(
+        model,
+        residual=model.residual[left],
+        basis=model.basis[left],
+        index=model.index[left],
+        levers={e: own[:, left] for e, own in model.levers.items()},
+    )
+    assert unsteady_motion(some) is None

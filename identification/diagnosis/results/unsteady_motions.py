@@ -77,9 +77,9 @@ def _largest(linear: LinearModel) -> tuple[Unsteady | None, int]:
     names, levers = list[tuple[str, str]](), list[Array]()
     for element, own in linear.levers.items():
         if element != FRAME:  # how the instrument's rays turn
-            moving = [(m, lever[:seen][rows]) for m, lever in zip(MOTIONS, own, strict=False) if lever.any()]
-            names += [(element, m) for m, _ in moving]
-            levers += [lever for _, lever in moving]
+            moving = {m: lever[:seen][rows] for m, lever in zip(MOTIONS, own, strict=False)}
+            names += [(element, m) for m, lever in moving.items() if lever.any()]
+            levers += [lever for lever in moving.values() if lever.any()]
     if not names:
         return None, 0
     every = np.array(levers)
