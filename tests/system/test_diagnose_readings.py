@@ -107,7 +107,8 @@ def test_circles_name_backlash_of_the_right_joint() -> None:
     assert (finding.effect, finding.where) == ("backlash", "X")
     assert found.diagnosis.verdict == "explained"
     assert abs(finding.parameters[0].value) == pytest.approx(0.008, abs=4 * finding.parameters[0].std)
-    assert finding.size_um == pytest.approx(4.0, rel=0.05)  # half of it at the tip, in every row
+    # half of it at the tip in every row, less its mean: the two sides are not equally often
+    assert 0.9 * 4.0 < finding.size_um <= 4.1
     # the noise is the bar's, and what circles XY and ZX lose by the finding YZ never had
     assert found.diagnosis.noise_um == pytest.approx(0.3, rel=0.1)
     assert not found.diagnosis.points

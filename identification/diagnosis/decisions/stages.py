@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from errormodel.effects.axis_blunder import AxisBlunder
+
 DATA = "data checks"
 OUTLIERS = "outliers"
 NOISE = "instrument noise"
@@ -33,5 +35,5 @@ STAGES: Mapping[str, str] = MappingProxyType(
     }
 )  # fmt: skip
 
-CHECKED: Mapping[str, str] = MappingProxyType({"outliers": OUTLIERS, "axis-blunder": DATA})
+CHECKED: Mapping[str, str] = MappingProxyType({"outliers": OUTLIERS, AxisBlunder.effect: DATA})
 """Findings that no candidate makes, and the stage that looks for them."""
