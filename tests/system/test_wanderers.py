@@ -41,6 +41,23 @@ def test_what_wanders_more_than_the_temperature_tells_is_not_its_doing(driver: s
     assert decision.outcome == ("kept" if kept else "removed")
 
 
+def test_a_finding_beside_something_larger_that_wanders_stays() -> None:
+    machine = read_machine("bridge_cmm")
+    survey = empty_survey(machine, 400, 11, channels=True, grid=False)
+    joint, level = machine.joints[1].name, survey.table["w_level"].to_numpy()
+    wander = {"element": "carriage", "motion": "dx", "driver": "w_level", "center": float(level.mean())}
+    larger = EffectSpec("unnamed", {**wander, "half_range": float(np.ptp(level) / 2)})
+    shown = showing(survey, machine, [(larger, [0.03]), (EffectSpec("backlash", {"joint": joint}), [0.006])], 0.003)
+    hidden = replace(shown, table=shown.table.drop(columns="w_level"))
+    found = make(EffectSpec("backlash", {"joint": joint}))
+    model, log = replayed(set_up(fit_machine(machine, hidden)), [Step(found, 50.0, 100.0, 0.1)]), DecisionLog()
+    left = without_wanderers(model, log)
+    (decision,) = (d for d in log if d.rule == "wanders-instead")
+    assert decision.value is not None
+    assert decision.value > 5.0  # what wanders has far more evidence
+    assert [s.effect for s in left.steps] == [found]
+
+
 @pytest.mark.parametrize("seed", [3, 5])
 def test_what_the_travel_leaves_behind_is_no_curve_of_it(seed: int) -> None:
     """A state that the ends of strokes set, of 8 um in one direction: no curve of the position is its cause."""

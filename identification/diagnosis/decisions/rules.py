@@ -106,7 +106,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             NOISE, COUNT, "It is looked for only once there is evidence for no further candidate.", _in(_NOISE, "MOST")
         ),
         "line-of-sight": Rule(
-            NOISE, "log likelihood ratio", "Residuals that are clearly those of a line of sight weigh the rows.",
+            NOISE, "log likelihood ratio", "Residuals like those of a line of sight weigh the rows, if they turn.",
             _in(_NOISE, "CLEAR", "ORIGIN", "CLOSEST_MM"),
         ),
         "one-direction-instead": Rule(
@@ -362,13 +362,17 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "unsteady-motion": Rule(
             VERDICT, "log likelihood ratio",
-            "A motion that varies from row to row, with its levers or much more than the noise, is unexplained.",
-            _decided("DECISIVE_ODDS") + _in(_NOISE, "CLEAR", "FEWEST") + _in("results.unsteady_motions", "LARGE"),
+            "A motion that varies from row to row with its levers is unexplained.",
+            _decided("DECISIVE_ODDS") + _in(_NOISE, "CLEAR", "FEWEST"),
+        ),
+        "unsteady-direction": Rule(
+            VERDICT, SHARE, "One that only one direction shows must have half of the variance.",
+            _in("results.unsteady_motions", "LARGE"),
         ),
         "wanders-instead": Rule(
             VERDICT, EVIDENCE,
-            "A finding is left out if its motion has clearly more evidence as one that wanders in time.",
-            _decided("DECISIVE_ODDS"),
+            "A finding is left out if a motion that wanders has clearly more evidence, and leaves it less than half.",
+            _decided("DECISIVE_ODDS", "EVEN"),
         ),
         "wave-of-two-joints": Rule(
             VERDICT, CHANCE,

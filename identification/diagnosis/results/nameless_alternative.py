@@ -66,17 +66,21 @@ def without_wanderers(model: EffectModel, log: DecisionLog) -> EffectModel:
     """The model without findings whose motion has clearly more evidence as one that wanders in time.
 
     What wanders resembles some temperature, warm-up or curve by chance, and goes another way later. What a temperature
-    or a position drives changes in time as well, but takes many functions of the clock to describe.
+    or a position drives changes in time as well, but takes many functions of the clock to describe. A finding that
+    has at least half of its evidence beside what wanders is another thing.
     """
     groups, kept, wanders = model.findings, list[list[Step]](), list[Functions]()
     for group in groups:
         main = group[0].effect
         wanders = wanders or wandering(model.start, np.unique(model.start.index))
         without = model.without(group)
-        evidence, _ = _of_any_size(without, [s.effect for s in group])
+        evidence, form = _of_any_size(without, [s.effect for s in group])
         instead, _, best = best_of(without, wanders)
-        out = instead - evidence > DETECT
-        log.add("wanders-instead", "removed" if out else "kept", main, instead - evidence, DETECT, beside=_words(best))
+        lead = instead - evidence
+        if (out := lead > DETECT) and evidence > 0:  # it may be there beside what wanders, and then keeps its evidence
+            further, _, _ = best_of(form, wanders)
+            out = further - lead < EVEN * evidence
+        log.add("wanders-instead", "removed" if out else "kept", main, lead, DETECT, beside=_words(best))
         kept += [] if out else [group]
     return model if len(kept) == len(groups) else of_groups(model.start, kept)
 

@@ -152,7 +152,8 @@ def dependence_of(
         "dependence-of-residuals", "found" if seen else "passed", "residuals", p_value, LEAST_P_VALUE, beside=beside
     )
     if not seen:
-        wanders, unsteady = _wandering(linear, parts, log), _unsteady(linear, sigma_um, log)
+        wanders = _wandering(linear, parts, log)
+        unsteady = _unsteady(linear, sigma_um, log, wanders is not None)
         if unsteady is not None and wave is None and (wanders is None or unsteady.p_value < wanders[0]):
             return unsteady
         if wanders is not None:
@@ -173,9 +174,9 @@ def dependence_of(
     return Dependence(part.channels, p_value, axis, size, part.element, part.motion)
 
 
-def _unsteady(linear: LinearModel, sigma_um: float, log: DecisionLog) -> Dependence | None:
-    """The motion that varies from row to row, on nothing that was recorded."""
-    if (found := unsteady_motion(linear, log)) is None:
+def _unsteady(linear: LinearModel, sigma_um: float, log: DecisionLog, left: bool) -> Dependence | None:
+    """The motion that varies from row to row, on nothing that was recorded; `left`: something is in any case."""
+    if (found := unsteady_motion(linear, log, left)) is None:
         return None
     size = sigma_um * float(np.sqrt(found.variance))
     axis = _main_axis(linear, found.element, found.motion)

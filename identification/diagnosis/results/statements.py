@@ -38,7 +38,7 @@ def statement_of(whole: Whole, machine: Machine, absorbed: float, probability: f
     parts.append("; ".join((*_figures(whole, machine), *at_tip)))
     if absorbed > HIDDEN:
         parts.append(f"; the geometry had hidden {100 * absorbed:.0f} % of it")
-    parts.append(f". Probability {probability:.2f}")
+    parts.append(f". Probability {'below 0.01' if probability < 0.005 else f'{probability:.2f}'}")
     if probability < SURE and not main.empirical:
         parts.append(f": the name is uncertain{', it may as well be ' + ' or '.join(others[:3]) if others else ''}")
     return "".join(parts) + "."

@@ -49,16 +49,23 @@ class Unsteady:
         return float(np.exp(-self.gain))
 
 
-def unsteady_motion(linear: LinearModel, log: DecisionLog = UNRECORDED) -> Unsteady | None:
-    """The motion that varies most from row to row; None where noise does as much, or rows have too few components."""
+def unsteady_motion(linear: LinearModel, log: DecisionLog = UNRECORDED, left: bool = False) -> Unsteady | None:
+    """The motion that varies most from row to row; None where noise does as much, or rows have too few components.
+
+    Parameters
+    ----------
+    left : whether it is known that the residuals are no noise: then one direction is enough.
+    """
     found, tried = _largest(linear)
     if found is None:
         return None
-    beside = f"{found.motion} of {found.element}"
-    beyond = found.gain_over_covariance > DETECT + np.log(tried) or found.share > LARGE
-    seen = found.gain > CLEAR and bool(beyond)
-    log.add("unsteady-motion", "found" if seen else "passed", "residuals", found.gain, CLEAR, beside=beside)
-    return found if seen else None
+    beside, clear = f"{found.motion} of {found.element}", found.gain > CLEAR
+    log.add("unsteady-motion", "found" if clear else "passed", "residuals", found.gain, CLEAR, beside=beside)
+    if not clear or left or found.gain_over_covariance > DETECT + np.log(tried):
+        return found if clear else None
+    large = found.share > LARGE
+    log.add("unsteady-direction", "found" if large else "passed", "residuals", found.share, LARGE, beside=beside)
+    return found if large else None
 
 
 def _largest(linear: LinearModel) -> tuple[Unsteady | None, int]:

@@ -258,6 +258,8 @@ def station_notes(fit: Fit, log: DecisionLog = UNRECORDED) -> Iterator[str]:
     tracker = fit.survey.instrument
     if not isinstance(tracker, LaserTracker) or not tracker.stated or len(fit.problem.frames) != 1:
         return
+    if not fit.survey.sized:  # it was found in the residuals
+        return
     (pose,) = fit.problem.frames.values()
     points, residuals = fit.survey.measured, fit.residuals
     whole = np.isfinite(points).all(axis=1) & np.isfinite(residuals).all(axis=1)
