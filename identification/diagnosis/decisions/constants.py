@@ -33,7 +33,8 @@ LEAST_P_VALUE = 1e-3
 # ---- how large a part
 NEAR = 0.1
 """Of an alternative's evidence: refinements may make up for as much. Of what was fitted of a finding: it has hardly
-changed. Two causes that lack no more of what a curve explains come before it."""
+changed. Two causes that lack no more of what a curve explains come before it, and no more evidence lacks a finding
+to what wanders: no form is exact."""
 
 MUCH = 0.3
 """Of what a finding explains: as much is no departure from its form (`DEPARTURES`: e to the -8 beforehand). A witness

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.effects.base import Effect
-from identification.diagnosis.decisions.constants import DEPARTURES, EVEN, MUCH, NAME_ODDS
+from identification.diagnosis.decisions.constants import DEPARTURES, EVEN, MUCH, NAME_ODDS, NEAR
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.findings import Alternative, Finding, probability_of
@@ -23,6 +23,7 @@ from identification.diagnosis.results.nameless_evidence import best_of, evidence
 from identification.diagnosis.results.physical_limits import nameless
 from identification.diagnosis.results.recorded_functions import Functions, wandering
 from identification.diagnosis.search.candidates import score_of
+from identification.diagnosis.search.criteria import base_channels
 from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.scoring import DETECT, Step
 
@@ -76,11 +77,12 @@ def without_wanderers(model: EffectModel, log: DecisionLog) -> EffectModel:
         without = model.without(group)
         evidence, form = _of_any_size(without, [s.effect for s in group])
         instead, _, best = best_of(without, wanders)
-        lead = instead - evidence
-        if (out := lead > DETECT) and evidence > 0:  # it may be there beside what wanders, and then keeps its evidence
+        lead, thermal = instead - evidence, base_channels(main) == {"temperature"}  # which resembles what wanders
+        least = DETECT if thermal else max(DETECT, NEAR * evidence)  # no form is exact
+        if (out := lead > least) and evidence > 0:  # it may be there beside what wanders, and then keeps its evidence
             further, _, _ = best_of(form, wanders)
             out = further - lead < EVEN * evidence
-        log.add("wanders-instead", "removed" if out else "kept", main, lead, DETECT, beside=_words(best))
+        log.add("wanders-instead", "removed" if out else "kept", main, lead, least, beside=_words(best))
         kept += [] if out else [group]
     return model if len(kept) == len(groups) else of_groups(model.start, kept)
 
