@@ -101,8 +101,7 @@ class Unnamed(Effect):
             shapes = {f"{k}-{n}": a * b for (k, a), (n, b) in product(shapes.items(), second.items())}
         unit, size = unit_of(self.motion), self.size or usual_size(self.motion)
         tied = self.size is not None
-        motions = {label: {self.motion: value} for label, value in shapes.items()}
-        return [EffectTerm(self.element, label, unit, motion, size, tied=tied) for label, motion in motions.items()]
+        return [EffectTerm(self.element, k, unit, {self.motion: v}, size, tied=tied) for k, v in shapes.items()]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

@@ -30,7 +30,7 @@ from identification.diagnosis.search.conditional_evidence import conditional_sco
 from identification.diagnosis.search.criteria import base_channels
 from identification.diagnosis.search.forward_selection import forward_select
 from identification.diagnosis.search.instrument_noise import line_of_sight, tracker_noise
-from identification.diagnosis.search.model import EffectModel, held_by_data, of_groups
+from identification.diagnosis.search.model import EffectModel, of_groups, with_estimated_sizes
 from identification.diagnosis.search.model_comparison import compare_alternatives
 from identification.diagnosis.search.proposals import enough_rows, proposed
 from identification.estimation.fit import fit_machine
@@ -142,7 +142,7 @@ def _that_predicts(
     first = len(machine.effects) + len(changes)
 
     def extended(model: EffectModel) -> Fit:
-        effects = [*changes, *held_by_data(model)]
+        effects = [*changes, *with_estimated_sizes(model)]
         give_back()  # what the search, or the fit before, has left
         return fit_machine(_extended(machine, effects), survey, effect_sizes=WIDEST) if effects else fit
 

@@ -22,7 +22,7 @@ from identification.plots.where_map import draw_where_map
 from identification.report.pictures import Picture, picture
 from identification.report.tables import number
 from identification.report.wording import short, three
-from identification.results.parameter_table import decimals, printed
+from identification.results.parameter_table import chance, decimals, printed
 from identification.results.residual_projection import Evidence, evidence_of
 
 MOST_PARAMETERS = 8  # parameters in the table of a finding
@@ -193,7 +193,7 @@ def odds(other: Alternative) -> list[str]:
     else:
         text = f"{times:.2g} times {'less likely' if power < 0 else 'likelier'}"
     own = other.probability
-    share = "same effect" if own is None else "below 0.01" if own < 0.005 else f"{own:.2f}"
+    share = "same effect" if own is None else chance(own)
     why = f"; not chosen: {other.reason}" if other.reason else ""
     return [share, text + why, "distinguishable" if other.separable else "not distinguishable by this data"]
 

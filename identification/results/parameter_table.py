@@ -33,6 +33,11 @@ def printed(unit: str) -> tuple[float, str]:
     return factor, f"{name}/{rest}"
 
 
+def chance(probability: float) -> str:
+    """A probability to two decimals."""
+    return "below 0.01" if probability < 0.005 else f"{probability:.2f}"
+
+
 def decimals(std: float) -> int:
     """Decimals that show two digits of a standard uncertainty, at most four."""
     return min(max(0, 1 - floor(log10(std))), 4) if 0 < std < float("inf") else 3

@@ -9,7 +9,7 @@ import numpy as np
 
 from errormodel.location_errors import named
 from identification.estimation.result import noise_bounds
-from identification.results.parameter_table import printed
+from identification.results.parameter_table import chance, printed
 from identification.results.set_ups import set_ups
 from identification.results.terminal import table_lines
 
@@ -255,7 +255,7 @@ def _observation_lines(readings: Sequence[ReadingSizes]) -> Iterator[str]:
 def comparison(other: Alternative) -> Iterator[str]:
     """How probable another explanation is, whether the data distinguish it, and why it was not chosen."""
     own = other.probability
-    yield "the same effect" if own is None else f"probability {'below 0.01' if own < 0.005 else f'{own:.2f}'}"
+    yield "the same effect" if own is None else f"probability {chance(own)}"
     if other.reason:
         yield f"fits this data better, but {other.reason}"
     else:

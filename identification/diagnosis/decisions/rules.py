@@ -360,14 +360,14 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             VERDICT, CHANCE, "A motion that wanders in time more than correlated noise does is unexplained.",
             _decided("LEAST_P_VALUE"),
         ),
-        "unsteady-motion": Rule(
+        "non-repeatable-motion": Rule(
             VERDICT, "log likelihood ratio",
             "A motion that varies from row to row with its levers is unexplained.",
             _decided("DECISIVE_ODDS") + _in(_NOISE, "CLEAR", "FEWEST"),
         ),
-        "unsteady-direction": Rule(
+        "non-repeatable-direction": Rule(
             VERDICT, SHARE, "One that only one direction shows must have half of the variance.",
-            _in("results.unsteady_motions", "LARGE"),
+            _in("results.non_repeatable_motion", "LARGE"),
         ),
         "wanders-instead": Rule(
             VERDICT, EVIDENCE,

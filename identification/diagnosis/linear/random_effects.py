@@ -75,6 +75,11 @@ class RandomEffects:
         ratio, evidence, noise = (float(v[0]) for v in found)
         return ratio, evidence, noise
 
+    def likeliest_size(self) -> float:
+        """Likeliest standard deviation of a parameter; 0 where the geometry left nothing."""
+        ratio, _, noise = self.best()
+        return float(np.sqrt(ratio * noise))
+
     def evidence(self, size: float) -> float:
         """Log Bayes factor for parameters of a known standard deviation."""
         ratio = size**2 / self.noise(size)

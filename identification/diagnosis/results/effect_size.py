@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from identification.observation.models import PositionView
 from identification.observation.readings import ReadingView
 
 MOST_ROWS = 2000
-VARIES = 1e-6  # of a motion: less is rounding
+ROUNDED = 1e-12  # mm, rad: what a motion changes less is constant
 
 
 @dataclass(frozen=True)
@@ -121,12 +121,17 @@ def whole_of(final: Fit, effects: Sequence[Effect], numbers: Sequence[int]) -> W
     units = {i: chain.parameters[chain.index[i]].unit for i in every}
     motions, levers = _seen(final, every)
     curves = {p: values @ rows for p, rows in motions.items()}
-    if any(np.ptp(c) > VARIES * np.abs(c).max() for c in curves.values()):
+    if not constant(curves.values()):
         curves = {p: c - c.mean() for p, c in curves.items()}
     at_tip = {p: np.einsum("cn,n->cn", levers[p], c) for p, c in curves.items()}
     tip = {p: _rms(move) for p, move in at_tip.items()}
     together: Array = np.array([*at_tip.values()]).sum(axis=0) if at_tip else np.zeros((3, 1))
     return Whole(tuple(effects), ids, units, values, covariance, motions, tip, _rms(together))
+
+
+def constant(curves: Iterable[Array]) -> bool:
+    """Whether motions (n,) change nothing from row to row: a constant that the model left out."""
+    return all(float(np.ptp(c)) < ROUNDED for c in curves)
 
 
 def _rms(vectors: Array) -> float:

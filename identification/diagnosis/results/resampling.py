@@ -37,11 +37,16 @@ def thinned(linear: LinearModel) -> tuple[Mask, Array, Array] | None:
 
 def clipped(residual: Array, q: Array) -> Array | None:
     """The residual (N,) in robust standard deviations, clipped, less what the fit spans (N, r); None: it is nothing."""
-    scale = float(np.median(np.abs(residual))) / 0.6745
+    scale = robust_scale(residual)
     if scale <= 0:
         return None
     out = np.clip(residual / scale, -CLIP, CLIP)
     return np.asarray(out - q @ (q.T @ out))
+
+
+def robust_scale(residual: Array) -> float:
+    """Standard deviation of normal deviates about zero with the same median size."""
+    return float(np.median(np.abs(residual))) / 0.6745
 
 
 def left(resamples: Array, q: Array, square: float) -> Array:

@@ -27,9 +27,9 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.results.combined_waves import Wave
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
+from identification.diagnosis.results.non_repeatable_motion import non_repeatable_motion
 from identification.diagnosis.results.recorded_functions import CLOCK, Functions, only, recorded
 from identification.diagnosis.results.resampling import QUICK_RESAMPLES, clipped, gumbel, left, shifted, signed, thinned
-from identification.diagnosis.results.unsteady_motions import unsteady_motion
 from identification.diagnosis.search.criteria import heldout_rms
 from identification.estimation.noise import Noise, likeliest, series_edges
 
@@ -66,28 +66,29 @@ class Dependence:
     @property
     def text(self) -> str:
         """The dependence in words."""
-        on = " and ".join(_words(c) for c in self.channels)
-        moves = f", most of it {self.motion} of {self.element}," if self.motion else ""
-        every = [f"{p:.3g} {u} of {c}" for p, u, c in zip(self.periods, self.units, self.channels, strict=False)]
-        depends = f"repeats every {' and every '.join(every)}" if every else f"depends on {on}"
         if not self.channels:
             return (
                 f"what is left varies from row to row as {self.motion} of {self.element} would "
                 f"(p = {self.p_value:.0e}), by {self.size_um:.1f} um rms, most along {self.axis}: a motion that does "
                 "not repeat, one of several joints together, states that no column shows, or an instrument that is "
-                f"worse this way. {self._next('')}"
+                f"worse this way. {self._next()}"
             )
+        on = " and ".join(map(_words, self.channels))
+        moves = f", most of it {self.motion} of {self.element}," if self.motion else ""
+        every = [f"{p:.3g} {u} of {c}" for p, u, c in zip(self.periods, self.units, self.channels, strict=False)]
+        depends = f"repeats every {' and every '.join(every)}" if every else f"depends on {on}"
         return (
             f"what is left{moves} {depends} (p = {self.p_value:.0e}), in a form that no effect with a name has; "
-            f"along {self.axis} this explains {self.size_um:.1f} um rms. {self._next(on)}"
+            f"along {self.axis} this explains {self.size_um:.1f} um rms. {self._next()}"
         )
 
-    def _next(self, on: str) -> str:
+    def _next(self) -> str:
         """What to measure: time cannot be set."""
         if not self.channels:
             return "Return to one position again and again from elsewhere, and look whether it repeats"
         if self.channels == (CLOCK,):
             return "Measure fixed targets again and again between the positions"
+        on = " and ".join(map(_words, self.channels))
         return f"Measure again with {on} at many values, in random order"
 
     def as_json(self) -> dict[str, object]:
@@ -153,9 +154,9 @@ def dependence_of(
     )
     if not seen:
         wanders = _wandering(linear, parts, log)
-        unsteady = _unsteady(linear, sigma_um, log, wanders is not None)
-        if unsteady is not None and wave is None and (wanders is None or unsteady.p_value < wanders[0]):
-            return unsteady
+        varies = _varying(linear, sigma_um, log, wanders is not None) if wave is None else None
+        if varies is not None and (wanders is None or varies.p_value < wanders[0]):
+            return varies
         if wanders is not None:
             (p_value, part), seen = wanders, True
     if not seen and wave is not None:
@@ -174,9 +175,9 @@ def dependence_of(
     return Dependence(part.channels, p_value, axis, size, part.element, part.motion)
 
 
-def _unsteady(linear: LinearModel, sigma_um: float, log: DecisionLog, left: bool) -> Dependence | None:
+def _varying(linear: LinearModel, sigma_um: float, log: DecisionLog, left: bool) -> Dependence | None:
     """The motion that varies from row to row, on nothing that was recorded; `left`: something is in any case."""
-    if (found := unsteady_motion(linear, log, left)) is None:
+    if (found := non_repeatable_motion(linear, log, left)) is None:
         return None
     size = sigma_um * float(np.sqrt(found.variance))
     axis = _main_axis(linear, found.element, found.motion)

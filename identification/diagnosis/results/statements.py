@@ -13,8 +13,8 @@ from errormodel.effects.unnamed import Unnamed
 from errormodel.machine import Joint, Machine
 from errormodel.path_speed import SPEED_CHANNEL
 from identification.diagnosis.data_checks.blunder import length
-from identification.diagnosis.results.effect_size import Whole
-from identification.results.parameter_table import decimals, printed
+from identification.diagnosis.results.effect_size import Whole, constant
+from identification.results.parameter_table import chance, decimals, printed
 
 SURE = 0.7  # probability below which a name is only one of several
 HIDDEN = 0.05  # smaller shares that are collinear with the geometry are not mentioned
@@ -38,7 +38,7 @@ def statement_of(whole: Whole, machine: Machine, absorbed: float, probability: f
     parts.append("; ".join((*_figures(whole, machine), *at_tip)))
     if absorbed > HIDDEN:
         parts.append(f"; the geometry had hidden {100 * absorbed:.0f} % of it")
-    parts.append(f". Probability {'below 0.01' if probability < 0.005 else f'{probability:.2f}'}")
+    parts.append(f". Probability {chance(probability)}")
     if probability < SURE and not main.empirical:
         parts.append(f": the name is uncertain{', it may as well be ' + ' or '.join(others[:3]) if others else ''}")
     return "".join(parts) + "."
@@ -274,8 +274,8 @@ def _determined(whole: Whole) -> bool:
 
 
 def _steady(whole: Whole) -> bool:
-    """Whether it moves nothing from row to row: a constant that the model left out."""
-    return all(whole.range(place)[0] < 1e-12 for place in whole.tip)
+    """Whether it moves nothing from row to row."""
+    return constant(whole.values @ whole.motions[place] for place in whole.tip)
 
 
 def _coefficients(whole: Whole, machine: Machine) -> str:

@@ -35,7 +35,7 @@ MOST = 12  # proposals that are taken out first: what so many do not explain is 
 CLEAR = 25.0  # log-likelihood ratio: seven parameters gain 3 to 4 by chance, 10 in noise with heavy tails
 NEAREST, FARTHEST = 1e-3, 30.0  # of the points' extent: how far the instrument may be from their middle, and deviations
 AWAY = 0.7  # of the extent: where stations are looked for first, all round
-AHEAD = (1.0, 3.0)  # of the extent: the same along the direction with the smallest variance
+ON_PRINCIPAL_AXIS = (1.0, 3.0)  # of the extent: the same along that with the least variance
 FAR = 2.5  # times the median length: residuals in a tail count as one there, or few would say where the tracker is
 # no tracker measures nearer than its own head is wide; a station among the points would fit each row's own noise
 CLOSEST_MM = 50.0
@@ -133,9 +133,11 @@ def seen_in(points: Array, residuals: Array, log: DecisionLog = UNRECORDED) -> L
     from scipy.optimize import minimize
 
     middle, extent = points.mean(axis=0), float(np.linalg.norm(np.ptp(points, axis=0)))
-    residuals = without_tails(residuals)
-    if not extent or not residuals.any():
+    length = np.linalg.norm(residuals, axis=1)
+    farthest = FAR * float(np.median(length))
+    if not extent or not farthest:
         return None
+    residuals = residuals * (farthest / np.maximum(length, farthest))[:, None]
     noise = float(np.sqrt(np.mean(residuals**2)))
     data = (points - middle) / extent, residuals / noise
     floor, ceiling = 2 * np.log(LEAST), 2 * np.log(FARTHEST)
@@ -148,9 +150,9 @@ def seen_in(points: Array, residuals: Array, log: DecisionLog = UNRECORDED) -> L
         away = extent * float(np.linalg.norm(data[0] - found.x[:3], axis=1).min())
         return away > CLOSEST_MM and residuals.size / 2 - float(found.fun) > CLEAR
 
-    ahead = np.linalg.eigh(data[1].T @ data[1])[1][:, 0]  # a tracker's range has it
+    axis = np.linalg.eigh(data[1].T @ data[1])[1][:, 0]  # a tracker's range has the least variance
     starts = [AWAY * np.array(d) for d in product((-1, 1), repeat=3)]
-    starts += [side * far * ahead for side, far in product((-1, 1), AHEAD)]
+    starts += [side * far * axis for side, far in product((-1, 1), ON_PRINCIPAL_AXIS)]
     tried = [likeliest(start, bounds) for start in starts]
     best = min(filter(possible, tried), key=lambda f: f.fun, default=None)
     gained = residuals.size / 2 - float(min(tried if best is None else [best], key=lambda f: f.fun).fun)
@@ -162,7 +164,7 @@ def seen_in(points: Array, residuals: Array, log: DecisionLog = UNRECORDED) -> L
     best = usual if possible(usual) and usual.fun < best.fun + ORIGIN else best
     target, *others = noise * np.exp(best.x[3:] / 2) / [1, 1, extent, extent]
     tracker = _tracker(middle + extent * best.x[:3], [*others, target])
-    along, across = _along_and_across(tracker, points)
+    along, across = _along_and_across(tracker, _away(tracker, points))
     if along < across:
         return tracker
     # the angles of trackers are worse than their range; a motion that varies is as large along one direction
@@ -180,15 +182,6 @@ def gain_of_covariance(residuals: Array) -> float:
     return len(residuals) / 2 * (len(covariance) * float(np.log(equal)) - determinant)
 
 
-def without_tails(residuals: Array) -> Array:
-    """Residuals (n, 3) of which those in a tail are made shorter: few would else say where their noise comes from."""
-    length = np.linalg.norm(residuals, axis=1)
-    farthest = FAR * float(np.median(length))
-    if not farthest:
-        return np.zeros_like(residuals)
-    return np.asarray(residuals * (farthest / np.maximum(length, farthest))[:, None])
-
-
 def _tracker(station: Iterable[float], uncertainties: Iterable[float]) -> LaserTracker:
     """A tracker by its two of the range, its angle's and its target's, in any unit, to four figures."""
     fixed, growing, angle, target = (float(f"{x:.4g}") for x in uncertainties)
@@ -201,16 +194,15 @@ def _away(tracker: LaserTracker, points: Array) -> float:
     return float(np.sqrt(np.mean(np.sum((points - tracker.station) ** 2, axis=1))))
 
 
-def _along_and_across(tracker: LaserTracker, points: Array) -> tuple[float, float]:
-    """Standard uncertainty of points (n, 3) along the line of sight and across it, one coordinate."""
-    away = _away(tracker, points)
+def _along_and_across(tracker: LaserTracker, away: float) -> tuple[float, float]:
+    """Standard uncertainty of points so far away (mm) along the line of sight and across it, one coordinate."""
     fixed, growing, angle, target = _sizes(tracker)
     return float(np.hypot(target, np.hypot(fixed, growing * away))), float(np.hypot(target, angle * away))
 
 
 def _note(tracker: LaserTracker, points: Array) -> str:
     away = _away(tracker, points)
-    along, across = _along_and_across(tracker, points)
+    along, across = _along_and_across(tracker, away)
     own = f"range: {tracker.range}, angle: {tracker.angle}, target: {tracker.target}"
     block = f"instrument: {{type: {tracker.type}, station: {list(tracker.station)}, {own}}}"
     return (
@@ -256,9 +248,8 @@ def _sizes(tracker: LaserTracker) -> Array:
 def station_notes(fit: Fit, log: DecisionLog = UNRECORDED) -> Iterator[str]:
     """A note where residuals fit a declared station better if it is taken as a point of the machine's reference."""
     tracker = fit.survey.instrument
-    if not isinstance(tracker, LaserTracker) or not tracker.stated or len(fit.problem.frames) != 1:
-        return
-    if not fit.survey.sized:  # it was found in the residuals
+    stated = tracker.stated and fit.survey.sized  # else it was found in the residuals
+    if not isinstance(tracker, LaserTracker) or not stated or len(fit.problem.frames) != 1:
         return
     (pose,) = fit.problem.frames.values()
     points, residuals = fit.survey.measured, fit.residuals

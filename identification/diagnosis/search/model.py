@@ -87,7 +87,7 @@ def fitted_of_groups(model: EffectModel) -> list[Array]:
     return [values[owner == main] @ left[owner == main] for main in dict.fromkeys(mains)]
 
 
-def held_by_data(model: EffectModel) -> list[Effect]:
+def with_estimated_sizes(model: EffectModel) -> list[Effect]:
     """Effects of a model, in its order, of which empirical ones have a size: that of random effects beside all others.
 
     What the rows do not determine of them then stays as small as the rest is, where no usual size holds it: the sine
@@ -98,9 +98,8 @@ def held_by_data(model: EffectModel) -> list[Effect]:
         effect = step.effect
         if effect.empirical and not effect.random:
             beside = model.without([step])
-            ratio, _, variance = beside.random(beside.columns(effect)[0]).best()
-            if ratio:
-                effect = effect.model_copy(update={"size": float(f"{np.sqrt(ratio * variance):.4g}")})
+            if size := beside.random(beside.columns(effect)[0]).likeliest_size():
+                effect = effect.model_copy(update={"size": float(f"{size:.4g}")})
         out.append(effect)
     return out
 

@@ -28,8 +28,7 @@ class Step:
     delta_chi2 : decrease of the residual sum of squares, in noise variances.
     absorbed : share of it that is collinear with the geometry.
     count : number of its parameters.
-    delta_chi2_of_form, evidence_of_form : the parts of delta chi-squared and evidence that come from the discrepancy
-        between the effect and its textbook form.
+    evidence_of_form : the part that comes from the discrepancy between the effect and its textbook form.
     alternatives : other explanations, given all other findings, best first.
     partner : a second cause of the same motion that was accepted with it.
     parent : number of the step that this one refines, or None: a finding of its own.
@@ -44,7 +43,6 @@ class Step:
     delta_chi2: float
     absorbed: float
     count: int = 1
-    delta_chi2_of_form: float = 0.0
     evidence_of_form: float = 0.0
     alternatives: tuple[Step, ...] = ()
     partner: tuple[Effect, ...] = ()

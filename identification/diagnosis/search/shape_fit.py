@@ -101,8 +101,8 @@ def _optimised(candidates: Candidates, scores: Scores, linear: LinearModel, numb
 
     effect = candidates.effects[number]
     if effect.random:
-        ratio, _, noise = linear.random(linear.columns(effect)[0]).best()
-        effect = effect.model_copy(update={"size": float(f"{np.sqrt(ratio * noise):.3g}")})
+        size = linear.random(linear.columns(effect)[0]).likeliest_size()
+        effect = effect.model_copy(update={"size": float(f"{size:.3g}")})
     family = [candidates.effects[n] for n in candidates.of_key[effect.key]]
     for name, kind in type(effect).shapes().items():
         value = getattr(effect, name) if kind.searched else None
@@ -151,7 +151,6 @@ def scored(linear: LinearModel, effect: Effect, shapes: int, trials: int, names:
         delta_chi2 + delta_of_form,
         absorbed,
         len(linear.columns(effect)[1]),
-        delta_chi2_of_form=delta_of_form,
         evidence_of_form=of_form,
         trials=trials,
         names=names,

@@ -10,7 +10,7 @@ from errormodel.effects import make
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.diagnosis.linear.of_fit import set_up
-from identification.diagnosis.search.model import held_by_data, replayed
+from identification.diagnosis.search.model import replayed, with_estimated_sizes
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import fit_machine
 from tests.helpers.diagnosed import empty_survey, showing
@@ -33,7 +33,7 @@ def test_the_sine_of_a_wave_that_was_seen_at_its_zeros_stays_small() -> None:
     shown = showing(replace(survey, table=table), machine, [(own, [AMPLITUDE_MM * np.cos(0.0), 0.0])], 0.003)
     fit = fit_machine(machine, shown)
     model = replayed(set_up(fit), [Step(make(own), 50.0, 100.0, 0.1)])
-    (effect,) = held_by_data(model)
+    (effect,) = with_estimated_sizes(model)
     assert effect.size is not None  # type: ignore[attr-defined]
     assert 0.3 * AMPLITUDE_MM < effect.size < 3 * AMPLITUDE_MM  # type: ignore[attr-defined]
     for spec, largest in ((EffectSpec("unnamed", {**wave, "size": effect.size}), 3.0), (own, None)):  # type: ignore[attr-defined]

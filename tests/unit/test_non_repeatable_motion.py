@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from identification.diagnosis.results.non_repeatable_motion import non_repeatable_motion
 from identification.diagnosis.results.residual_dependence import dependence_of
-from identification.diagnosis.results.unsteady_motions import unsteady_motion
 from tests.helpers.linear_models import NOISES, ROWS, linear, nothing
 
 
 @pytest.mark.parametrize("kind", NOISES)
-def test_no_motion_is_unsteady_in_noise(kind: str) -> None:
+def test_no_motion_is_non_repeatable_in_noise(kind: str) -> None:
     for seed in range(40):
         rng = np.random.default_rng(900 + seed)
-        assert unsteady_motion(linear(nothing, NOISES[kind](rng), rng)) is None, seed
+        assert non_repeatable_motion(linear(nothing, NOISES[kind](rng), rng)) is None, seed
 
 
 def test_a_state_that_switches_between_rows_is_seen_in_the_motion_that_it_makes() -> None:
@@ -41,7 +41,7 @@ def test_an_instrument_is_a_little_worse_in_one_direction(times: float, seen: bo
     for seed in range(8):
         rng = np.random.default_rng(seed)
         noise = rng.normal(size=(3, ROWS)) * np.array([[1.0], [times], [1.0]])
-        found = unsteady_motion(linear(nothing, noise.ravel(), rng))
+        found = non_repeatable_motion(linear(nothing, noise.ravel(), rng))
         assert (found is not None) == seen, seed
         if found is not None:
             assert found.motion == "dy"
@@ -62,4 +62,4 @@ def test_a_motion_that_moves_no_whole_row_is_none() -> None:
         index=model.index[left],
         levers={e: own[:, left] for e, own in model.levers.items()},
     )
-    assert unsteady_motion(some) is None
+    assert non_repeatable_motion(some) is None
