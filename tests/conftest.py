@@ -33,6 +33,13 @@ settings.register_profile("ci", settings.get_profile("worker"), derandomize=True
 settings.load_profile("ci" if os.environ.get("CI") else "worker" if "PYTEST_XDIST_WORKER" in os.environ else "local")
 
 
+def pytest_configure() -> None:
+    """What reads memory before it has written to it, fails: by chance it would fail one run in a hundred."""
+    from tests.helpers.unwritten_memory import signal_reads
+
+    signal_reads()
+
+
 def _recordings(variable: str, default: Path) -> Path:
     return _present(Path(os.environ.get(variable) or default), variable).resolve()
 

@@ -24,7 +24,8 @@ def optimise(problem: cvxpy.Problem, accuracy: float | None = None) -> None:
     import cvxpy as cp
 
     settings = {} if accuracy is None else dict.fromkeys(("tol_gap_rel", "tol_gap_abs", "tol_ktratio"), accuracy)
-    with warnings.catch_warnings():
+    # cvxpy finds shapes by adding up memory that nobody has written to: flags of that mean nothing
+    with warnings.catch_warnings(), np.errstate(invalid="ignore", over="ignore"):
         warnings.simplefilter("ignore", UserWarning)  # of an inexact answer
         problem.solve(solver=cp.CLARABEL, **settings)  # type: ignore[no-untyped-call]
 
@@ -32,7 +33,7 @@ def optimise(problem: cvxpy.Problem, accuracy: float | None = None) -> None:
 def sum_of(vector: cvxpy.Expression) -> cvxpy.Expression:
     """The sum of a vector's entries.
 
-    `cvxpy.sum` finds its shape by adding up memory that nobody has written to, which may warn of invalid values.
+    `cvxpy.sum` finds its shape as `optimise` says, and would warn where it is written down.
     """
     import cvxpy as cp
 

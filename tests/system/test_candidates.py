@@ -11,6 +11,7 @@ import pytest
 
 from errormodel.conventions import MOTIONS
 from errormodel.effects import make
+from errormodel.effects.base import EffectTerm
 from errormodel.effects.cross_axis_compliance import CrossAxisCompliance
 from errormodel.machine import EffectSpec, Joint
 from errormodel.machine_file import read_machine
@@ -43,6 +44,14 @@ def test_cores_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
             np.testing.assert_array_equal(block.sizes, same.sizes)
         for name in ("evidence", "delta_chi2", "absorbed", "expected_delta_chi2"):
             np.testing.assert_array_equal(getattr(other.scores(linear), name), getattr(scores, name))
+
+
+def test_a_term_that_moves_nothing_is_a_column_of_zeros() -> None:
+    machine = read_machine(GANTRY)
+    linear = set_up(fit_machine(machine, read_survey(GANTRY / "survey.csv", machine)))
+    out = np.full((1, 1, linear.size), np.nan)
+    linear.fill([EffectTerm(machine.joints[0].name, "", "mm", {}, 1.0)], out)
+    assert not out.any()
 
 
 def test_candidates_are_columns_of_their_effects_at_their_usual_sizes() -> None:

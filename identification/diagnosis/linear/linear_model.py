@@ -151,6 +151,8 @@ class LinearModel:
             if first is not None:  # both poses side by side, and then that of the first added
                 levers = np.hstack([levers, first.levers[term.element]])
                 own = np.zeros((len(out), levers.shape[1]), kind)
+            if not term.motion:
+                own[:] = 0.0
             for n, (motion, value) in enumerate(term.motion.items()):
                 lever = levers[MOTIONS.index(motion)] * (term.size if scaled else 1.0)
                 values = np.asarray(value, kind)

@@ -204,7 +204,10 @@ class Candidates:
         self._products[:] = [known]
         along = np.column_stack([basis[:, begun:], residual])
         for own in known.products:
-            product = own.reshape(-1, own.shape[2]) @ along.astype(own.dtype)
+            with np.errstate(invalid="ignore"):  # OpenBLAS once raised it, which could not be brought about again
+                product = own.reshape(-1, own.shape[2]) @ along.astype(own.dtype)
+            if not np.isfinite(product).all():
+                raise FloatingPointError("products of design columns are not finite")
             yield product.reshape(*own.shape[:2], -1).astype(float)
 
 

@@ -176,10 +176,10 @@ class FromProducts:
         self._products = products
 
     def _whole(self, products: WeighedProducts) -> Array:
-        """Products (noises, r, r) of all columns that are free; those above the diagonal are none."""
+        """Products (noises, r, r) of all columns that are free; zero above the diagonal."""
         found = products.between(self._numbers, self._numbers)
         rank = self._places[-1].stop
-        whole = np.empty((len(products.noises), rank, rank))
+        whole = np.zeros((len(products.noises), rank, rank))
         for k, (one, rows) in enumerate(zip(self._numbers, self._places, strict=True)):
             for n, columns in enumerate(self._places[: k + 1]):
                 whole[:, rows, columns] = _part(found[one, self._numbers[n]], self._free[k], self._free[n])
