@@ -28,4 +28,4 @@ atan2 = _both("atan2", "arctan2")
 def cubic(u: Value) -> Value:
     """Cardinal cubic B-spline with support [-2, 2]; its integer translates sum to one."""
     far, near = fmax(2 - absolute(u), 0), fmax(1 - absolute(u), 0)
-    return far**3 / 6 - near**3 * (4 / 6)
+    return far * far * far / 6 - near * near * near * (4 / 6)  # several times as fast as powers

@@ -42,13 +42,18 @@ def determined_step(gram: Array, slope: Array, scale: Array) -> Array:
 
 def scaled_inverse(gram: Array) -> Array:
     """Inverse of normal equations, scaled to unit diagonal."""
-    from scipy.linalg import cho_factor, cho_solve
+    from scipy.linalg.lapack import dpotrf, dpotri
 
     if not len(gram):
         return np.zeros((0, 0))
     d = 1 / np.sqrt(np.diag(gram))
-    unit = gram * np.outer(d, d)
-    try:
-        return np.asarray(np.outer(d, d) * cho_solve(cho_factor(unit), np.eye(len(gram))))
-    except np.linalg.LinAlgError:
-        return np.asarray(np.outer(d, d) * np.linalg.pinv(unit, rcond=1e-12, hermitian=True))
+    scale = np.outer(d, d)
+    unit = gram * scale
+    factor, failed = dpotrf(unit.T, lower=False)
+    if not failed:
+        upper, failed = dpotri(factor, lower=False, overwrite_c=True)
+    if failed:  # singular to round-off
+        return np.asarray(scale * np.linalg.pinv(unit, rcond=1e-12, hermitian=True))
+    whole = upper + np.triu(upper, 1).T  # zero below the diagonal
+    whole *= scale
+    return np.asarray(whole)

@@ -87,6 +87,22 @@ def test_a_form_that_only_follows_the_clock_is_no_temperature() -> None:
     assert {d.outcome for d in log} == {"refused"}
 
 
+@pytest.mark.parametrize(("shift", "named"), [((0.02, -0.012, 0.015), True), ((0.02, 0.0, 0.0), False)])
+def test_a_step_of_one_motion_is_no_station_that_moved(shift: tuple[float, ...], named: bool) -> None:
+    """A station that is knocked moves in all directions; a member that sits otherwise from then on, in one."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 200, 7, channels=True, grid=False)
+    fields = {"at": float(survey.table["time"].iloc[90]), "turned": False}
+    linear = set_up(
+        fit_machine(machine, showing(survey, machine, [(EffectSpec("station-shift", fields), shift)], 0.003))
+    )
+    model = of_groups(linear, [[Step(made("station-shift", **fields), 100.0, 200.0, 0.0)]])
+    said, functions = replace(SAID, effect="station-shift", where="frame"), recorded(linear, np.unique(linear.index))
+    found = checked_alternative(said, model, model.findings[0], functions, DecisionLog())
+    assert (found.effect == "station-shift") == named
+    assert ("explains as much (dx of " in found.statement) != named
+
+
 def knee(motion: str, at: float) -> Step:
     return Step(made("contact-knee", joint="X", motion=motion, at=at), 100.0, 200.0, 0.0)
 

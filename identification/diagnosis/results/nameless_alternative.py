@@ -21,7 +21,7 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.findings import Alternative, Finding, probability_of
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.physical_limits import nameless
-from identification.diagnosis.results.recorded_functions import Functions, wandering
+from identification.diagnosis.results.recorded_functions import Functions, in_one_motion, wandering
 from identification.diagnosis.search.candidates import score_of
 from identification.diagnosis.search.criteria import base_channels
 from identification.diagnosis.search.model import EffectModel, of_groups
@@ -46,7 +46,8 @@ def checked_alternative(
         without_name = nameless(finding, "other names together are likelier")
         return replace(without_name, alternatives=[name, *finding.alternatives])
     without = model.without(group)
-    evidence, form = _of_any_size(without, [s.effect for s in group if _one_name(main, s.effect)])
+    effects = [s.effect for s in group if _one_name(main, s.effect)]
+    evidence, form = _of_any_size(without, effects)
     own = max(without.square - form.square, 1e-300)
     further, explained, left = best_of(form, functions)
     trials = float(np.log(max(len(functions), 1)))
@@ -56,7 +57,11 @@ def checked_alternative(
         log.add("remainder-of-name", "refused" if large else "kept", main, explained / own, MUCH, beside=_words(left))
         if large:
             return nameless(finding, f"beside it as much is left, without a name ({_words(left)})")
+    courses = in_one_motion(without, effects)
+    single, _, motion = best_of(without, courses)
     instead, _, best = best_of(without, functions)
+    if single - np.log(max(len(courses), 1)) > instead:  # each of these motions is as likely
+        instead, best = single - float(np.log(len(courses))), motion
     departure = DEPARTURE_COST * float(np.sqrt(explained / own))
     lead = evidence + max(further - departure, 0.0) - instead + NAME_ODDS
     log.add("nameless-alternative", "kept" if lead > 0 else "refused", main, lead, 0.0, beside=_words(best))

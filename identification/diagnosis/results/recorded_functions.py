@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.conventions import MOTIONS
+from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
 
 ORDERS, ORDERS_OF_PAIR, ORDERS_OF_MOTION = 5, 4, 3  # cosines of a channel: waves down to 0.4, 0.5, 0.7 of its range
@@ -130,6 +131,27 @@ def wandering(linear: LinearModel, rows: Index) -> list[Functions]:
         Functions((CLOCK,), (values,), index, lever, element=element, motion=motion)
         for element, motion, lever in _levers(linear)
         for values in quick
+    ]
+
+
+def in_one_motion(linear: LinearModel, effects: Sequence[Effect]) -> list[Functions]:
+    """Single motions of joints that follow what moves a whole element in several motions alike.
+
+    A station that is knocked moves in all directions; what moves in one only is a state of a joint.
+    """
+    courses, channels = list[Array](), dict[str, None]()
+    for effect in effects if linear.rows is not None else ():
+        moved = [value for term in linear.terms([effect]) for value in term.motion.values()]
+        one, *others = (np.asarray(value, float) for value in moved)
+        if others and all(np.array_equal(one, other) for other in others):
+            courses.append(one - one.mean())
+            channels |= dict.fromkeys(effect.drivers)
+    if not courses or linear.rows is None:
+        return []
+    values, index = np.column_stack(courses), linear.rows.number
+    return [
+        Functions(tuple(channels), (values,), index, lever, element=element, motion=motion)
+        for element, motion, lever in _levers(linear)
     ]
 
 
