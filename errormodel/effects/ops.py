@@ -29,3 +29,17 @@ def cubic(u: Value) -> Value:
     """Cardinal cubic B-spline with support [-2, 2]; its integer translates sum to one."""
     far, near = fmax(2 - absolute(u), 0), fmax(1 - absolute(u), 0)
     return far * far * far / 6 - near * near * near * (4 / 6)  # several times as fast as powers
+
+
+def cubics(u: Value, first: int, count: int) -> list[Value]:
+    """``cubic(u - k)`` of so many integers k from the first on: of each number four are not zero."""
+    if isinstance(u, ca.SX) or not np.ndim(u):
+        return [cubic(u - k) for k in range(first, first + count)]
+    known = np.isfinite(u)
+    below = np.floor(np.where(known, u, 0.0)).astype(np.intp)
+    out = np.where(known, np.zeros((count, *np.shape(u))), np.nan)
+    for step in (-1, 0, 1, 2):
+        number = below + step - first
+        own = known & (number >= 0) & (number < count)
+        out[number[own], *np.nonzero(own)] = cubic(u - below - step)[own]
+    return list(out)

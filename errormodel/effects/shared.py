@@ -16,7 +16,7 @@ from pydantic import Field
 from errormodel.arrays import rotation_matrix
 from errormodel.conventions import ROTATIONS, TRANSLATIONS, Motion
 from errormodel.effects.base import Channels, ShapeParameter
-from errormodel.effects.ops import Value, atan2, cos, cubic, exp, fmax, fmin, sin
+from errormodel.effects.ops import Value, atan2, cos, cubics, exp, fmax, fmin, sin
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine, joint_of
@@ -83,9 +83,7 @@ def waves(q: Value, rate: float | NDArray[np.float64]) -> dict[str, Value]:
 
 def splines(share: Value, n: int) -> Iterator[Value]:
     """The ``n + 3`` cubic B-splines of n intervals over `share`, 0 to 1; constant beyond."""
-    u = fmin(fmax(share, 0), 1) * n
-    for k in range(-1, n + 2):
-        yield cubic(u - k)
+    yield from cubics(fmin(fmax(share, 0), 1) * n, -1, n + 3)
 
 
 def across(joint: Joint, kind: Literal["d", "e"]) -> tuple[Motion, ...]:
@@ -160,11 +158,10 @@ def periods(scene: Scene, joint: Joint, fewest: int, shortest: float, most: int)
 
 def closed_splines(turn: Value, n: int) -> Iterator[Value]:
     """The ``n`` periodic cubic B-splines of n intervals over a full revolution; `turn` in rad, n at least 5."""
-    u = atan2(sin(turn), cos(turn)) * (n / (2 * np.pi))  # -n/2 to n/2, both ends the same angle
-    for k in range(n):
-        at = k - n / 2
-        near = cubic(u - at)
-        yield near + cubic(u - at - n) if k < 2 else near + cubic(u - at + n) if k == n - 1 else near
+    u = atan2(sin(turn), cos(turn)) * (n / (2 * np.pi)) + n / 2  # 0 to n, both ends the same angle
+    *first, beyond, further = cubics(u, -1, n + 3)
+    before, *own = first
+    yield from (own[0] + beyond, own[1] + further, *own[2:-1], own[-1] + before)
 
 
 def members(machine: Machine) -> list[str]:

@@ -51,9 +51,9 @@ def checked_alternative(
     own = max(without.square - form.square, 1e-300)
     further, explained, left = best_of(form, functions)
     trials = float(np.log(max(len(functions), 1)))
+    large = explained > MUCH * own
     # what noise that is correlated from row to row explains as well is no remainder
-    if left is not None and further - trials > DETECT and evidence_in_any_noise(form, left) - trials > DETECT:
-        large = explained > MUCH * own
+    if left and further - trials > DETECT and (not large or evidence_in_any_noise(form, left) - trials > DETECT):
         log.add("remainder-of-name", "refused" if large else "kept", main, explained / own, MUCH, beside=_words(left))
         if large:
             return nameless(finding, f"beside it as much is left, without a name ({_words(left)})")
