@@ -26,6 +26,7 @@ CORRELATED_VARIANCE_RATIOS = (0.1, 0.4, 1.5, 6.0)  # variance of the correlated 
 FEWEST_NOISE_ROWS = 30  # rows below which correlation is not estimated, by judgement
 RESIDUAL_ROUND_OFF_SHARE = 1e-10  # of the machine's size: smaller residuals are round-off, not noise
 LEAST_LOG_LIKELIHOOD_GAIN = 8.0  # by which correlated noise must exceed white noise (natural logarithm), by judgement
+AT_ONCE = 64  # columns that go through a filter together: their copies stay within the processor's cache
 MOST_NOISE_ROWS = 4000  # longer surveys are represented by this many rows from their middle: limits the time
 
 
@@ -68,7 +69,9 @@ class Noise:
         bands = np.vstack([np.ones(last), np.full(last, -self.moving)])
         bands[1, first[1:] - 1] = 0.0
         out = columns.copy()
-        out[:, :last] = dtbtrs(bands, self._changes(columns, edges).T, uplo="L", diag="U", overwrite_b=True)[0].T
+        for some in _few(columns):
+            changes = self._changes(columns[some], edges).T
+            out[some, :last] = dtbtrs(bands, changes, uplo="L", diag="U", overwrite_b=True)[0].T
         out[:, first] *= np.sqrt(self.news)  # the first row has the variance of the process
         return out
 
@@ -91,22 +94,31 @@ class Noise:
         variances, beside = np.ones(last), np.full(max(last - 1, 0), -self.moving)
         variances[first] = 1 / self.news
         beside[first[1:] - 1] = 0.0
-        solved = dpttrs(variances, beside, self._changes(columns, edges).T, overwrite_b=True)[0].T
         out = columns.copy()
-        np.multiply(-self.kept, solved[:, 1:], out=out[:, : last - 1])
-        out[:, first[1:] - 1] = 0.0
-        out[:, last - 1 : last] = 0.0
-        out[:, :last] += solved
+        for some in _few(columns):
+            solved, own = (
+                dpttrs(variances, beside, self._changes(columns[some], edges).T, overwrite_b=True)[0].T,
+                out[some],
+            )
+            np.multiply(-self.kept, solved[:, 1:], out=own[:, : last - 1])
+            own[:, first[1:] - 1] = 0.0
+            own[:, last - 1 : last] = 0.0
+            own[:, :last] += solved
         return out
 
     def spread(self, columns: Array, edges: Index) -> Array:
         """Product of series (k, N) and the correlation matrix of the noise."""
         out = columns / (1 + self.part)
-        for a, b in pairwise(edges):
-            before = _recursion(columns[:, a:b], self.kept)
-            after = _recursion(columns[:, a:b][:, ::-1], self.kept)[:, ::-1]
-            out[:, a:b] += self.part / (1 + self.part) * (before + after - columns[:, a:b])
+        for some, (a, b) in product(_few(columns), pairwise(edges)):
+            own = columns[some, a:b]
+            before, after = _recursion(own, self.kept), _recursion(own[:, ::-1], self.kept)[:, ::-1]
+            out[some, a:b] += self.part / (1 + self.part) * (before + after - own)
         return out
+
+
+def _few(columns: Array) -> list[slice]:
+    """Some columns (k, N) at a time: copies of all would take several times their memory."""
+    return [slice(k, k + AT_ONCE) for k in range(0, len(columns), AT_ONCE)]
 
 
 def _recursion(series: Array, kept: float) -> Array:
@@ -199,12 +211,16 @@ def correlated(problem: Problem, solution: Solution, rows: int = 0) -> tuple[Sol
     residual = np.concatenate(residuals)
     if not _uneven(residual):
         return solution, None
-    design = np.vstack([design_rows(v, place, most=len(v))[live][:, base] / level for v, live in parts]).T
+    picked = [design_rows(v, place, most=len(v))[np.ix_(live, base)] for v, live in parts]
+    design = (picked[0] if len(picked) == 1 else np.vstack(picked)).T
+    del picked
+    design /= level
     norms = np.linalg.norm(design, axis=1)
     free = (norms > 0) & (solution.precision[base] * np.diag(solution.covariance) < 0.5)  # by the data, not the prior
     noise, variance = likeliest(residual, design[free] / norms[free, None], np.array(edges))
     if noise is None:
         return solution, None
-    extra = (variance * design @ noise.spread(design, np.array(edges)).T - design @ design.T) / (share * here / rows)
+    spread = noise.spread(design, np.array(edges))
+    extra = (variance * (design @ spread.T) - design @ design.T) / (share * here / rows)
     covariance = solution.covariance + solution.covariance @ extra @ solution.covariance
     return replace(solution, covariance=(covariance + covariance.T) / 2), noise

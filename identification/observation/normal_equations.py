@@ -115,8 +115,8 @@ def design_rows(view: View, unknowns: Mapping[str, int], most: int = RANK_SAMPLE
     local = np.array([k for k, c in enumerate(view.columns) if c in unknowns], dtype=np.intp)
     places = [unknowns[view.columns[k]] for k in local]
     selectors = selectors_of(kernel, len(view.outputs), local)
-    functions = kernel.functions(view.rows, view.at_zero)
-    design = expanded(functions, selectors)
+    # in one expression, as no array of this size is to be kept longer than it is needed
+    white = view.whiten(slice(None), expanded(kernel.functions(view.rows, view.at_zero), selectors))
     out = np.zeros((len(view) * len(selectors), len(unknowns)))
-    out[:, places] = view.whiten(slice(None), design).reshape(len(local), len(out)).T
+    out[:, places] = white.reshape(len(local), len(out)).T
     return out
