@@ -8,6 +8,7 @@
 - ``row``: number of the row in the fitted file, from 1; what comes after it (test files, predictions) has `LAST_ROW`.
 - ``speed(X|X,Y,Z|A,C)``: speed of X (mm/s or rad/s, with its sign) as its share of the ``feed`` along the path of the
   linear joints X, Y, Z or, where these stand, of the rotary A, C (`errormodel.path_speed`).
+- ``rate(X)``: speed of X (mm/s or rad/s) by the times of the rows: central differences.
 - ``resumed(3600,900)``: time from which the machine worked on after a recording's end at 3600 s, with no steps longer
   than 900 s but rests (`errormodel.machine_rests`).
 - ``point_x``: not a column but the nominal position of the chain, mm.
@@ -26,7 +27,7 @@ import numpy as np
 from errormodel.arrays import Array, Index, Mask
 from errormodel.exceptions import InputError, nearest
 from errormodel.machine_rests import RESUMED_CHANNEL, resumed
-from errormodel.path_speed import SPEED_CHANNEL, path_speed
+from errormodel.path_speed import RATE_CHANNEL, SPEED_CHANNEL, clock_speed, path_speed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,6 +60,8 @@ def channel(table: pd.DataFrame, name: str) -> Array:
         return _DERIVED[call[1]](table, call[2], float(call[3]))
     if moving := SPEED_CHANNEL.fullmatch(name):
         return speed(table, *moving.groups())
+    if moving := RATE_CHANNEL.fullmatch(name):
+        return rate(table, moving[1])
     if again := RESUMED_CHANNEL.fullmatch(name):
         return resumed(channel(table, "time"), float(again[1]), float(again[2]))
     if name.startswith("dir_"):
@@ -87,7 +90,9 @@ def channel(table: pd.DataFrame, name: str) -> Array:
 
 
 def root(name: str) -> str:
-    """Base channel of a derived one: ``T_bed`` of ``lag(T_bed,600)``, ``feed`` of a speed, ``time`` of a rest."""
+    """Base channel of a derived one: ``T_bed`` of ``lag(T_bed,600)``, ``feed`` of a speed, ``X`` of ``rate(X)``."""
+    if moving := RATE_CHANNEL.fullmatch(name):
+        return moving[1]
     if SPEED_CHANNEL.fullmatch(name):
         return "feed"
     if RESUMED_CHANNEL.fullmatch(name):
@@ -225,6 +230,14 @@ def speed(table: pd.DataFrame, joint: str, linear: str, turning: str) -> Array:
         time[order],
         _codes(table, ["file", "run"])[order],
     )[:, names.index(joint)]
+    return out
+
+
+def rate(table: pd.DataFrame, joint: str) -> Array:
+    """Speed of a joint (n,), mm/s or rad/s, by the times at which a run's rows were measured."""
+    order, out = _order(table), np.empty(len(table))
+    series = _codes(table, ["file", "run"])[order]
+    out[order] = clock_speed(channel(table, joint)[order], channel(table, "time")[order], series)
     return out
 
 

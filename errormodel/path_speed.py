@@ -23,16 +23,23 @@ SPEED_CHANNEL = re.compile(r"speed\(([^|]+)\|([^|]*)\|([^|]*)\)")
 RUNS_ON = 0.7  # cosine of the turn up to which a path runs on through a row; by judgement: corners turn by more
 AT_FEED = 0.9, 1.1  # of the feed: a step that was made at it; by judgement
 IN_MOTION = 0.2  # share of such steps, from which on rows were read in motion; by judgement: with pauses they are rare
+SHARE_RUNS_ON = 0.5  # of the rows, through which a path runs on that is not stopped at each; by judgement
 FASTEST = 1.2  # times the feed: faster was no feed; by judgement, since times are rounded
 PAUSE = 0.5  # ratio of the rates of two steps, below which the slower one had a pause in it; by judgement
 SIDEWAYS = 0.3  # share of a step that a joint may go against its side: on a curve it turns round between two rows
 STANDS = 1e-9  # mm or rad
+RATE_CHANNEL = re.compile(r"rate\((.+)\)")
 
 
 def speed_name(machine: Machine, joint: str) -> str:
     """Name of the channel of a joint's speed on the path, mm/s or rad/s with its sign: ``speed(X|X,Y,Z|A,C)``."""
     linear, turning = (",".join(j.name for j in machine.joints if j.type == kind) for kind in ("prismatic", "rotary"))
     return f"speed({joint}|{linear}|{turning})"
+
+
+def rate_name(joint: str) -> str:
+    """Name of the channel of a joint's speed by the clock, mm/s or rad/s: ``rate(X)``."""
+    return f"rate({joint})"
 
 
 def path_speed(position: Array, linear: Mask, feed: Array, side: Array, time: Array, series: Index) -> Array:
@@ -88,6 +95,31 @@ def path_speed(position: Array, linear: Mask, feed: Array, side: Array, time: Ar
     contrary = ~(forth[0] | forth[1])
     share[contrary] = np.abs(share[contrary]) * came[contrary]
     return np.asarray(pace_here[:, None] * share[place])
+
+
+def clock_speed(position: Array, time: Array, series: Index) -> Array:
+    """Speed of a joint in every row (n,) by the clock, mm/s or rad/s: central differences of second order.
+
+    Parameters
+    ----------
+    position : commanded positions (n,), mm or rad, in the order of the times.
+    time, series : as in `path_speed`; of rows at one time, and of a series of one row, the speed is 0.
+    """
+    out = np.zeros(len(position))
+    for label in np.unique(series):
+        rows = np.flatnonzero(series == label)
+        rows = rows[np.concatenate([[True], np.diff(time[rows]) > 0])]
+        if len(rows) > 1:
+            out[rows] = np.gradient(position[rows], time[rows])
+    return out
+
+
+def in_motion(position: Array) -> bool:
+    """Whether rows seem to be read on the fly: the path (n, joints) runs on through most, and several joints move."""
+    steps = _unit(np.diff(position, axis=0), position)
+    straight = np.einsum("nj,nj->n", steps[1:], steps[:-1])
+    together = np.count_nonzero(steps, axis=1) > 1
+    return len(straight) > 0 and bool(np.mean(straight > RUNS_ON) > SHARE_RUNS_ON and np.mean(together) > SHARE_RUNS_ON)
 
 
 def _length(steps: Array, linear: Mask) -> Array:

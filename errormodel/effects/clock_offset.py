@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar, Literal, Self
 
+import numpy as np
 from pydantic import model_validator
 
 from errormodel.conventions import FRAME, INSTRUMENT, TRANSLATIONS
@@ -17,8 +18,8 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import joint_as
 from errormodel.effects.target_offset import TOOL_COLUMNS
 from errormodel.exceptions import InputError
-from errormodel.machine import Machine, Shape
-from errormodel.path_speed import speed_name
+from errormodel.machine import Machine, Shape, joint_of
+from errormodel.path_speed import in_motion, rate_name, speed_name
 
 
 class ClockOffset(Effect):
@@ -26,7 +27,8 @@ class ClockOffset(Effect):
 
     `speed`, ``each``: every prismatic joint moves with the whole feed in its direction of approach; `joints` are those
     that move, empty: all. ``path``: the feed is that along the path, of which every joint, a rotary one too, has its
-    share.
+    share. ``clock``: each of the `joints` moves as its commanded positions do from row to row, by their times: rows
+    were read on the fly.
     """
 
     effect: ClassVar[str] = "clock-offset"
@@ -37,7 +39,7 @@ class ClockOffset(Effect):
     example: ClassVar[Mapping[str, object]] = {}
 
     joints: tuple[str, ...] = ()
-    speed: Literal["each", "path"] = "each"
+    speed: Literal["each", "path", "clock"] = "each"
 
     @model_validator(mode="after")
     def _all_of_a_path(self) -> Self:
@@ -51,7 +53,7 @@ class ClockOffset(Effect):
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return ("feed",)
+        return tuple(map(rate_name, self.joints)) or ("time",) if self.speed == "clock" else ("feed",)
 
     @property
     def cost(self) -> float:
@@ -59,8 +61,12 @@ class ClockOffset(Effect):
         return 4.0 if len(self.joints) == 1 else 0.0
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        speeds = {j.name: channel(speed_name(machine, j.name)) for j in machine.joints} if self.speed == "path" else {}
-        if not speeds:
+        every = tuple(j.name for j in machine.joints)
+        if self.speed == "path":
+            speeds = {name: channel(speed_name(machine, name)) for name in every}
+        elif self.speed == "clock":
+            speeds = {name: channel(rate_name(joint_of(machine, name).name)) for name in self.joints or every}
+        else:
             joints = self.joints or tuple(j.name for j in machine.joints if j.type == "prismatic")
             for name in joints:
                 joint_as(machine, name, "prismatic", self.effect)
@@ -71,7 +77,7 @@ class ClockOffset(Effect):
             speeds = {name: feed * channel(f"dir_{name}") for name in joints}
         # of the tool, in the axes of each element in turn, from the tool back
         velocity: list[Value] = [0.0, 0.0, 0.0]
-        place: list[Value] = [channel(name) for name in TOOL_COLUMNS] if self.speed == "path" else [0.0, 0.0, 0.0]
+        place: list[Value] = [channel(name) for name in TOOL_COLUMNS] if self.speed != "each" else [0.0, 0.0, 0.0]
         for element in reversed(machine.elements):
             if isinstance(element, Shape):
                 for k, angle in reversed(list(enumerate(element.rotation))):
@@ -93,6 +99,9 @@ class ClockOffset(Effect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        path = np.column_stack([scene.columns[j.name] for j in scene.moving]) if scene.moving else np.zeros((0, 0))
+        if scene.varies("time") and np.isfinite(path).all() and in_motion(path):
+            yield cls(joints=tuple(j.name for j in scene.moving), speed="clock")
         if scene.varies("feed"):
             if scene.prismatic and all(scene.both_ways(j) for j in scene.prismatic):
                 yield cls(joints=tuple(j.name for j in scene.prismatic))

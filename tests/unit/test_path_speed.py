@@ -11,12 +11,13 @@ import pytest
 from errormodel.chain import Chain
 from errormodel.channels import channel, root
 from errormodel.effects import make
-from errormodel.exceptions import EffectError
+from errormodel.exceptions import EffectError, InputError
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
-from errormodel.path_speed import path_speed, speed_name
+from errormodel.path_speed import clock_speed, in_motion, path_speed, rate_name, speed_name
 
 XY = np.array([True, True])
+ROTARY = {"speed": "clock", "joints": ["U"]}
 
 
 def speeds(places, feed=6000.0, side=None, time=None, linear=XY, series=None):
@@ -102,7 +103,8 @@ def test_the_channel_takes_each_run_by_its_own() -> None:
     np.testing.assert_allclose(out, 100 / np.sqrt(2), rtol=1e-12)
 
 
-def test_a_delay_on_a_path_is_the_displacement_on_it() -> None:
+@pytest.mark.parametrize("speed", ["path", "clock"])
+def test_a_delay_on_a_path_is_the_displacement_on_it(speed: str) -> None:
     """Of a machine with rotary axes too: to first order the tool is where it will be a delay later."""
     machine = read_machine("trunnion_five_axis")
     rng = np.random.default_rng(4)
@@ -110,17 +112,42 @@ def test_a_delay_on_a_path_is_the_displacement_on_it() -> None:
     places = low + (high - low) * rng.uniform(0.2, 0.8, (30, len(low)))
     table = pd.DataFrame(places, columns=[j.name for j in machine.joints])
     table = table.assign(feed=rng.choice([600.0, 3000.0], 30), tool_x=30.0, tool_y=-20.0, tool_z=-150.0, file="s.csv")
-    chain = Chain(replace(machine, effects=(EffectSpec("clock-offset", {"speed": "path"}),)))
+    table = table.assign(time=np.cumsum(rng.uniform(5, 20, 30)))
+    chain = Chain(replace(machine, effects=(EffectSpec("clock-offset", {"speed": speed}),)))
     p, delay = np.zeros(len(chain.ids)), 1e-3
     p[chain.index["frame.dx.clock-offset"]] = delay
     rows = chain.columns(table)
     moved = chain.kernel("actual", outputs=(0, 1, 2))(rows, p) - chain.kernel("nominal", outputs=(0, 1, 2))(rows)
     ahead = table.copy()
     for j in machine.joints:
-        ahead[j.name] = table[j.name] + delay * channel(table, speed_name(machine, j.name))
+        name = speed_name(machine, j.name) if speed == "path" else rate_name(j.name)
+        ahead[j.name] = table[j.name] + delay * channel(table, name)
     there = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(ahead))
     expected = there - chain.kernel("nominal", outputs=(0, 1, 2))(rows)
     assert np.abs(moved - expected).max() < 1e-2 * np.abs(expected).max()
+
+
+def test_the_clock_says_how_fast_a_joint_is_in_a_row() -> None:
+    """Exactly where it accelerates evenly; each series by itself, and rows at one time are at rest."""
+    time = np.array([0.0, 1.0, 3.0, 4.0, 0.0, 2.0, 2.0, 5.0])
+    series = np.array([0, 0, 0, 0, 1, 1, 1, 2])
+    out = clock_speed(np.where(series == 0, time**2, 3 * time), time, series)
+    np.testing.assert_allclose(out, [1, 2, 6, 7, 3, 3, 0, 0])
+
+
+def test_a_path_that_runs_on_is_read_in_motion() -> None:
+    t = np.linspace(0, 40, 200)
+    smooth = np.column_stack([np.sin(t), np.cos(0.7 * t)])
+    assert in_motion(smooth)
+    assert not in_motion(np.random.default_rng(1).permutation(smooth))
+    assert not in_motion(np.column_stack([t, np.zeros(200)]))  # a line of one axis, which may be read at rest
+    assert not in_motion(smooth[:1])
+
+
+def test_a_delay_is_of_joints_that_there_are() -> None:
+    chain = replace(read_machine("vertical_three_axis"), effects=(EffectSpec("clock-offset", ROTARY),))
+    with pytest.raises(InputError, match="U"):
+        Chain(chain)
 
 
 def test_a_path_takes_all_joints() -> None:

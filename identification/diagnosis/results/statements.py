@@ -11,7 +11,7 @@ from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.effects.unnamed import Unnamed
 from errormodel.machine import Joint, Machine
-from errormodel.path_speed import SPEED_CHANNEL
+from errormodel.path_speed import RATE_CHANNEL, SPEED_CHANNEL
 from identification.diagnosis.data_checks.blunder import length
 from identification.diagnosis.results.effect_size import Whole, constant
 from identification.results.parameter_table import chance, decimals, printed
@@ -115,7 +115,7 @@ def channel(name: str) -> str:
     if call := DERIVED_CHANNEL.fullmatch(name):
         behind = f" behind a lag of {duration(float(call[3]))}" if name.startswith("lag") else ", with play"
         return call[2] + behind
-    if moving := SPEED_CHANNEL.fullmatch(name):
+    if moving := SPEED_CHANNEL.fullmatch(name) or RATE_CHANNEL.fullmatch(name):
         return f"the speed of {moving[1]}"
     if name == "row":
         return "the order of the rows"
