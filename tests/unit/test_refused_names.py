@@ -127,3 +127,5 @@ def test_a_name_that_is_less_likely_than_not_is_none(monkeypatch: pytest.MonkeyP
     log, step = DecisionLog(), Step(DRIFT, 110.0, 200.0, 0.0)
     found = checked_alternative(SAID, None, [step], [], log)  # type: ignore[arg-type]  # the model is not asked
     assert (found.effect, [(d.rule, d.outcome) for d in log]) == ("unnamed", [("unlikely-name", "refused")])
+    assert found.probability > 0.95  # that there is an effect; that of its name is the first alternative's
+    assert found.alternatives[0].probability == SAID.probability

@@ -218,7 +218,9 @@ def preference(step: Step, alternative: Step) -> str:
         return "a curve without a name can follow anything: known physics is preferred"
     if posterior(alternative) <= posterior(step):
         return "it would be likelier at some of the many places, or by some of the many drivers, that it may have"
-    return "what it leaves looks less like noise, or it departs more from its textbook form"
+    if alternative.evidence_of_form > step.evidence_of_form:
+        return "it departs more from its textbook form"
+    return "noise that is correlated from row to row explains more of what it does"
 
 
 def look_alikes(step: Step) -> list[Effect]:

@@ -18,7 +18,7 @@ from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.constants import DEPARTURES, EVEN, MUCH, NAME_ODDS, NEAR
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.results.findings import Alternative, Finding, probability_of
+from identification.diagnosis.results.findings import Alternative, Finding, probabilities_of, probability_of
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.physical_limits import nameless
 from identification.diagnosis.results.recorded_functions import Functions, in_one_motion, wandering
@@ -43,7 +43,8 @@ def checked_alternative(
     if (probability := probability_of(group[0])) < EVEN:
         log.add("unlikely-name", "refused", main, probability, EVEN)
         name = Alternative(main.effect, main.where, 0.0, False, finding.motion, finding.driver, finding.probability)
-        without_name = nameless(finding, "other names together are likelier")
+        without_name = nameless(finding, "other explanations together are likelier")
+        without_name = replace(without_name, probability=sum(probabilities_of(group[0]).values()))  # that there is one
         return replace(without_name, alternatives=[name, *finding.alternatives])
     without = model.without(group)
     effects = [s.effect for s in group if _one_name(main, s.effect)]

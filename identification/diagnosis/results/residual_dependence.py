@@ -88,6 +88,8 @@ class Dependence:
             return "Return to one position again and again from elsewhere, and look whether it repeats"
         if self.channels == (CLOCK,):
             return "Measure fixed targets again and again between the positions"
+        if any(c.rpartition("(")[0] in PATH for c in self.channels):
+            return "Measure the same positions again, coming to each from several others"
         on = " and ".join(map(_words, self.channels))
         return f"Measure again with {on} at many values, in random order"
 
