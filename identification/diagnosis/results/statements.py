@@ -95,6 +95,9 @@ def causes(effects: Sequence[Effect]) -> str:
         names = dict.fromkeys(effect.drivers)
         warm = [n for n in names if getattr(effect, "minus", None) and root(n).startswith("T_")]  # a difference of two
         said = [*(channel(n) for n in names if n not in warm), *([" less ".join(map(channel, warm))] if warm else [])]
+        moving = [m[1] for n in names if (m := RATE_CHANNEL.fullmatch(n))]
+        if 1 < len(moving) == len(names):
+            said = [f"the speeds of {', '.join(moving[:-1])}", moving[-1]]
         text = " and ".join(said) or "position"
         lags.setdefault(text, []).append(getattr(effect, "tau", None) or 0.0)
     return " and ".join(f"{text}{_behind(text, taus)}" for text, taus in lags.items())
