@@ -10,6 +10,7 @@ a line the feed is not reached, and a row that was read at rest has no speed.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -114,12 +115,15 @@ def clock_speed(position: Array, time: Array, series: Index) -> Array:
     return out
 
 
-def in_motion(position: Array) -> bool:
-    """Whether rows seem to be read on the fly: the path (n, joints) runs on through most, and several joints move."""
-    steps = _unit(np.diff(position, axis=0), position)
+def in_motion(position: Sequence[Array]) -> bool:
+    """Whether rows seem to be read on the fly: their path runs on through most, and several joints (n,) each move."""
+    if len(position) < 2 or len(position[0]) < 3:
+        return False
+    path = np.column_stack(position)
+    steps = _unit(np.diff(path, axis=0), path)
     straight = np.einsum("nj,nj->n", steps[1:], steps[:-1])
     together = np.count_nonzero(steps, axis=1) > 1
-    return len(straight) > 0 and bool(np.mean(straight > RUNS_ON) > SHARE_RUNS_ON and np.mean(together) > SHARE_RUNS_ON)
+    return bool(np.mean(straight > RUNS_ON) > SHARE_RUNS_ON and np.mean(together) > SHARE_RUNS_ON)
 
 
 def _length(steps: Array, linear: Mask) -> Array:

@@ -99,7 +99,7 @@ class ClockOffset(Effect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        path = np.column_stack([scene.columns[j.name] for j in scene.moving]) if scene.moving else np.zeros((0, 0))
+        path = [scene.columns[j.name] for j in scene.moving]
         if scene.varies("time") and np.isfinite(path).all() and in_motion(path):
             yield cls(joints=tuple(j.name for j in scene.moving), speed="clock")
         if scene.varies("feed"):

@@ -138,10 +138,11 @@ def test_the_clock_says_how_fast_a_joint_is_in_a_row() -> None:
 def test_a_path_that_runs_on_is_read_in_motion() -> None:
     t = np.linspace(0, 40, 200)
     smooth = np.column_stack([np.sin(t), np.cos(0.7 * t)])
-    assert in_motion(smooth)
-    assert not in_motion(np.random.default_rng(1).permutation(smooth))
-    assert not in_motion(np.column_stack([t, np.zeros(200)]))  # a line of one axis, which may be read at rest
-    assert not in_motion(smooth[:1])
+    assert in_motion([*smooth.T])
+    assert not in_motion([*np.random.default_rng(1).permutation(smooth).T])
+    assert not in_motion([t, np.zeros(200)])  # a line of one axis, which may be read at rest
+    assert not in_motion([*smooth[:2].T])
+    assert not in_motion([])
 
 
 def test_a_delay_is_of_joints_that_there_are() -> None:
