@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from errormodel.machine import Machine
 
 SPEED_CHANNEL = re.compile(r"speed\(([^|]+)\|([^|]*)\|([^|]*)\)")
+RATE_CHANNEL = re.compile(r"rate\((.+)\)")
 RUNS_ON = 0.7  # cosine of the turn up to which a path runs on through a row; by judgement: corners turn by more
 AT_FEED = 0.9, 1.1  # of the feed: a step that was made at it; by judgement
 IN_MOTION = 0.2  # share of such steps, from which on rows were read in motion; by judgement: with pauses they are rare
@@ -29,7 +30,6 @@ FASTEST = 1.2  # times the feed: faster was no feed; by judgement, since times a
 PAUSE = 0.5  # ratio of the rates of two steps, below which the slower one had a pause in it; by judgement
 SIDEWAYS = 0.3  # share of a step that a joint may go against its side: on a curve it turns round between two rows
 STANDS = 1e-9  # mm or rad
-RATE_CHANNEL = re.compile(r"rate\((.+)\)")
 
 
 def speed_name(machine: Machine, joint: str) -> str:
@@ -41,6 +41,12 @@ def speed_name(machine: Machine, joint: str) -> str:
 def rate_name(joint: str) -> str:
     """Name of the channel of a joint's speed by the clock, mm/s or rad/s: ``rate(X)``."""
     return f"rate({joint})"
+
+
+def joint_of_speed(name: str) -> str | None:
+    """The joint of which a channel is the speed, on the path or by the clock; None of other channels."""
+    found = SPEED_CHANNEL.fullmatch(name) or RATE_CHANNEL.fullmatch(name)
+    return found[1] if found else None
 
 
 def path_speed(position: Array, linear: Mask, feed: Array, side: Array, time: Array, series: Index) -> Array:

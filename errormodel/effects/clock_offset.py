@@ -53,7 +53,9 @@ class ClockOffset(Effect):
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return tuple(map(rate_name, self.joints)) or ("time",) if self.speed == "clock" else ("feed",)
+        if self.speed != "clock":
+            return ("feed",)
+        return tuple(map(rate_name, self.joints)) or ("time",)
 
     @property
     def cost(self) -> float:
@@ -65,7 +67,8 @@ class ClockOffset(Effect):
         if self.speed == "path":
             speeds = {name: channel(speed_name(machine, name)) for name in every}
         elif self.speed == "clock":
-            speeds = {name: channel(rate_name(joint_of(machine, name).name)) for name in self.joints or every}
+            moving = [joint_of(machine, name).name for name in self.joints or every]
+            speeds = {name: channel(rate_name(name)) for name in moving}
         else:
             joints = self.joints or tuple(j.name for j in machine.joints if j.type == "prismatic")
             for name in joints:

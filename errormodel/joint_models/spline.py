@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 from errormodel.conventions import Motion
-from errormodel.effects.ops import Value, cubic, fmax, fmin
+from errormodel.effects.ops import Value, cubics, fmax, fmin
 from errormodel.joint_models.base import JointModel, JointTerm
 from errormodel.machine import Joint
 
@@ -28,9 +28,10 @@ class Spline(JointModel):
         low, high = joint.travel
         home = min(max(0.0, low), high)
         clamped = fmin(fmax(q, low), high)
-        for k in range(n + 2):  # centred on knot k; k = -1 is the one left out
-            value, at_home = (cubic((x - low) / (high - low) * n - k) for x in (clamped, home))
-            yield JointTerm(f"s{k + 1}", {motion: value - at_home})
+        # centred on knot k; k = -1 is the one left out
+        values, at_home = (cubics((x - low) / (high - low) * n, 0, n + 2) for x in (clamped, home))
+        for k, (value, zero) in enumerate(zip(values, at_home, strict=True)):
+            yield JointTerm(f"s{k + 1}", {motion: value - zero})
 
     @classmethod
     def order(cls, joint: Joint, n: int) -> int:

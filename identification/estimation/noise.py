@@ -96,10 +96,8 @@ class Noise:
         beside[first[1:] - 1] = 0.0
         out = columns.copy()
         for some in _few(columns):
-            solved, own = (
-                dpttrs(variances, beside, self._changes(columns[some], edges).T, overwrite_b=True)[0].T,
-                out[some],
-            )
+            changes, own = self._changes(columns[some], edges).T, out[some]
+            solved = dpttrs(variances, beside, changes, overwrite_b=True)[0].T
             np.multiply(-self.kept, solved[:, 1:], out=own[:, : last - 1])
             own[:, first[1:] - 1] = 0.0
             own[:, last - 1 : last] = 0.0

@@ -15,7 +15,7 @@ from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects import make
 from errormodel.effects.base import Effect
 from errormodel.machine_rests import RESUMED_CHANNEL
-from errormodel.path_speed import RATE_CHANNEL, SPEED_CHANNEL
+from errormodel.path_speed import joint_of_speed
 from identification.diagnosis.search.model import EffectModel
 from identification.estimation.result import Fit
 from identification.plots import style
@@ -204,7 +204,7 @@ class Channels:
         if name.startswith("dir_"):
             return self._side()
         # of the speeds of several joints only that along which the curve runs is given
-        own = any(form.fullmatch(name) for form in (SPEED_CHANNEL, RATE_CHANNEL, RESUMED_CHANNEL))
+        own = joint_of_speed(name) or RESUMED_CHANNEL.fullmatch(name)
         found = self._given.get(name if own else root(name))
         return self._median(name) if found is None else found
 

@@ -11,7 +11,7 @@ from errormodel.arrays import Array, Index
 from errormodel.channels import DERIVED_CHANNEL, POINT_CHANNELS, root
 from errormodel.conventions import MOTIONS, Motion, iso_symbol
 from errormodel.effects.base import Effect
-from errormodel.path_speed import RATE_CHANNEL, SPEED_CHANNEL
+from errormodel.path_speed import joint_of_speed
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.scoring import Step
@@ -302,10 +302,10 @@ def axis_of(linear: LinearModel, name: str) -> Abscissa:
         return Abscissa(name, f"{style.plain(root(name), 16)}{_behind(name)} / °C")
     if name in POINT_CHANNELS:
         return Abscissa(name, f"tip's {name[-1]} / mm")
-    if moving := SPEED_CHANNEL.fullmatch(name) or RATE_CHANNEL.fullmatch(name):
-        turning = any(j.name == moving[1] and j.type == "rotary" for j in linear.chain.machine.joints)
+    if moving := joint_of_speed(name):
+        turning = any(j.name == moving and j.type == "rotary" for j in linear.chain.machine.joints)
         unit, scale = ("°/s", float(np.degrees(1.0))) if turning else ("mm/s", 1.0)
-        return Abscissa(name, f"speed of {style.plain(moving[1], 16)} / {unit}", scale)
+        return Abscissa(name, f"speed of {style.plain(moving, 16)} / {unit}", scale)
     units = {"feed": " / mm/min", "load": " / kg"} | {f"tool_{a}": " / mm" for a in "xyz"}
     return Abscissa(name, f"{word}{units.get(name, '')}")
 

@@ -17,7 +17,6 @@ from errormodel.machine_file import read_machine
 from errormodel.path_speed import clock_speed, in_motion, path_speed, rate_name, speed_name
 
 XY = np.array([True, True])
-ROTARY = {"speed": "clock", "joints": ["U"]}
 
 
 def speeds(places, feed=6000.0, side=None, time=None, linear=XY, series=None):
@@ -146,9 +145,10 @@ def test_a_path_that_runs_on_is_read_in_motion() -> None:
 
 
 def test_a_delay_is_of_joints_that_there_are() -> None:
-    chain = replace(read_machine("vertical_three_axis"), effects=(EffectSpec("clock-offset", ROTARY),))
+    unknown = EffectSpec("clock-offset", {"speed": "clock", "joints": ["U"]})
+    machine = replace(read_machine("vertical_three_axis"), effects=(unknown,))
     with pytest.raises(InputError, match="U"):
-        Chain(chain)
+        Chain(machine)
 
 
 def test_a_path_takes_all_joints() -> None:

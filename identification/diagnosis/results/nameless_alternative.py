@@ -60,9 +60,10 @@ def checked_alternative(
             return nameless(finding, f"beside it as much is left, without a name ({_words(left)})")
     courses = in_one_motion(without, effects)
     single, _, motion = best_of(without, courses)
+    single -= float(np.log(max(len(courses), 1)))  # each of these motions is as likely
     instead, _, best = best_of(without, functions)
-    if single - np.log(max(len(courses), 1)) > instead:  # each of these motions is as likely
-        instead, best = single - float(np.log(len(courses))), motion
+    if single > instead:
+        instead, best = single, motion
     departure = DEPARTURE_COST * float(np.sqrt(explained / own))
     lead = evidence + max(further - departure, 0.0) - instead + NAME_ODDS
     log.add("nameless-alternative", "kept" if lead > 0 else "refused", main, lead, 0.0, beside=_words(best))

@@ -127,11 +127,7 @@ def recorded(linear: LinearModel, rows: Index) -> list[Functions]:
 def wandering(linear: LinearModel, rows: Index) -> list[Functions]:
     """Motions that follow the clock down to quick changes: those of `recorded`."""
     quick, index = _quick(_channels(linear)[0], rows), np.searchsorted(rows, linear.index)
-    return [
-        Functions((CLOCK,), (values,), index, lever, element=element, motion=motion)
-        for element, motion, lever in _levers(linear)
-        for values in quick
-    ]
+    return _of_each_motion(linear, (CLOCK,), quick, index)
 
 
 def in_one_motion(linear: LinearModel, effects: Sequence[Effect]) -> list[Functions]:
@@ -139,19 +135,27 @@ def in_one_motion(linear: LinearModel, effects: Sequence[Effect]) -> list[Functi
 
     A station that is knocked moves in all directions; what moves in one only is a state of a joint.
     """
+    if linear.rows is None:
+        return []
     courses, channels = list[Array](), dict[str, None]()
-    for effect in effects if linear.rows is not None else ():
+    for effect in effects:
         moved = [value for term in linear.terms([effect]) for value in term.motion.values()]
         one, *others = (np.asarray(value, float) for value in moved)
         if others and all(np.array_equal(one, other) for other in others):
             courses.append(one - one.mean())
             channels |= dict.fromkeys(effect.drivers)
-    if not courses or linear.rows is None:
-        return []
-    values, index = np.column_stack(courses), linear.rows.number
+    together = [np.column_stack(courses)] if courses else []
+    return _of_each_motion(linear, tuple(channels), together, linear.rows.number)
+
+
+def _of_each_motion(
+    linear: LinearModel, channels: tuple[str, ...], functions: Sequence[Array], index: Index
+) -> list[Functions]:
+    """Every motion that follows each of some functions (n, k) of the same channels."""
     return [
-        Functions(tuple(channels), (values,), index, lever, element=element, motion=motion)
-        for element, motion, lever in _levers(linear)
+        Functions(channels, (values,), index, lever, element=element, motion=motion)
+        for element, motion, lever in (_levers(linear) if functions else ())
+        for values in functions
     ]
 
 

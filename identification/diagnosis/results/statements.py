@@ -11,7 +11,7 @@ from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.effects.unnamed import Unnamed
 from errormodel.machine import Joint, Machine
-from errormodel.path_speed import RATE_CHANNEL, SPEED_CHANNEL
+from errormodel.path_speed import joint_of_speed
 from identification.diagnosis.data_checks.blunder import length
 from identification.diagnosis.results.effect_size import Whole, constant
 from identification.results.parameter_table import chance, decimals, printed
@@ -95,7 +95,7 @@ def causes(effects: Sequence[Effect]) -> str:
         names = dict.fromkeys(effect.drivers)
         warm = [n for n in names if getattr(effect, "minus", None) and root(n).startswith("T_")]  # a difference of two
         said = [*(channel(n) for n in names if n not in warm), *([" less ".join(map(channel, warm))] if warm else [])]
-        moving = [m[1] for n in names if (m := RATE_CHANNEL.fullmatch(n))]
+        moving = [joint for n in names if (joint := joint_of_speed(n))]
         if 1 < len(moving) == len(names):
             said = [f"the speeds of {', '.join(moving[:-1])}", moving[-1]]
         text = " and ".join(said) or "position"
@@ -118,8 +118,8 @@ def channel(name: str) -> str:
     if call := DERIVED_CHANNEL.fullmatch(name):
         behind = f" behind a lag of {duration(float(call[3]))}" if name.startswith("lag") else ", with play"
         return call[2] + behind
-    if moving := SPEED_CHANNEL.fullmatch(name) or RATE_CHANNEL.fullmatch(name):
-        return f"the speed of {moving[1]}"
+    if moving := joint_of_speed(name):
+        return f"the speed of {moving}"
     if name == "row":
         return "the order of the rows"
     if name.startswith("dir_"):
