@@ -26,6 +26,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.exceptions import InputError, nearest
+from errormodel.line_starts import line_starts
 from errormodel.machine_rests import RESUMED_CHANNEL, resumed
 from errormodel.path_speed import RATE_CHANNEL, SPEED_CHANNEL, clock_speed, path_speed
 
@@ -39,7 +40,8 @@ SMOOTHING_SECONDS = 240.0
 # K rms, least misfit of one common clock that shows clocks of their own for the runs; sensors' noise leaves 0.05
 CLOCK_MISFIT_KELVIN = 0.1
 # columns that must be complete; positions may be missing in rows about another joint
-UNITS_OF_CHANNELS = {"time": "s", "feed": "mm/s", "load": "kg"}
+UNITS_OF_CHANNELS = {"time": "s", "feed": "mm/min", "load": "kg"}
+OWN_COLUMNS = ("file", "role", "row")  # of a survey's table, which no file has
 _GAPLESS = ("T_", "w_", "time", "feed", "load")
 LAST_ROW = 1e9  # number of a row after all that were recorded
 JUMP_STEPS = 2.5  # times the median step between targets: a longer step back begins a new sequence; by judgement
@@ -72,12 +74,7 @@ def channel(table: pd.DataFrame, name: str) -> Array:
     if name.startswith("run("):
         return np.asarray(table["run"].astype(str) == name[4:-1], dtype=np.float64)
     if name not in table:
-        raise InputError(
-            f"{_place(table, 0)[0]}, header",
-            f"no column '{name}', which an effect of this machine needs",
-            (f"Add it ({UNITS_OF_CHANNELS[name]}). " if name in UNITS_OF_CHANNELS else "")
-            + nearest(name, [str(c) for c in table.columns]),
-        )
+        raise _missing(table, name, "which an effect of this machine needs")
     values = table[name].to_numpy(dtype=np.float64)
     if name.startswith(_GAPLESS) and not np.isfinite(values).all():
         row = int(np.flatnonzero(~np.isfinite(values))[0])
@@ -184,6 +181,14 @@ def _local_line(time: Array, values: Array) -> Array:
     return out
 
 
+def _missing(table: pd.DataFrame, name: str, why: str, how: str = "") -> InputError:
+    """A column that an effect needs is not there; `how` it could be written."""
+    unit = UNITS_OF_CHANNELS.get(name)
+    columns = [c for c in map(str, table.columns) if c not in OWN_COLUMNS]
+    add = f"Add it ({unit}{how}). " if unit else ""
+    return InputError(f"{_place(table, 0)[0]}, header", f"no column '{name}', {why}", add + nearest(name, columns))
+
+
 def _place(table: pd.DataFrame, row: int) -> tuple[str, str]:
     """File and data row (from 1) of a row of a survey's table, for messages."""
     if "file" not in table:
@@ -235,6 +240,9 @@ def speed(table: pd.DataFrame, joint: str, linear: str, turning: str) -> Array:
 
 def rate(table: pd.DataFrame, joint: str) -> Array:
     """Speed of a joint (n,), mm/s or rad/s, by the times at which a run's rows were measured."""
+    if "time" not in table:
+        why = f"by which an effect of this machine takes the speed of {joint}"
+        raise _missing(table, "time", why, "; at poses at rest one and the same time in every row")
     order, out = _order(table), np.empty(len(table))
     series = _codes(table, ["file", "run"])[order]
     out[order] = clock_speed(channel(table, joint)[order], channel(table, "time")[order], series)
@@ -275,6 +283,20 @@ def assumed_sides(table: pd.DataFrame, joint: str) -> Index:
     result = np.where(~known & np.isin(run, run[known]), run + 1, 0)
     if f"dir_{joint}" in table:
         result[np.isfinite(table[f"dir_{joint}"].to_numpy(dtype=np.float64))] = 0
+    return result
+
+
+def starts_of_lines(table: pd.DataFrame, joint: str, joints: Sequence[str]) -> Mask:
+    """Rows (n,) that begin a line of positions of all `joints`, along which this joint moves as it did not come there.
+
+    Rows whose column ``dir_<joint>`` states the direction are none of them.
+    """
+    order, result = _order(table), np.zeros(len(table), dtype=np.bool_)
+    places = np.column_stack([channel(table, name) for name in joints])[order]
+    along = line_starts(places, _codes(table, ["file", "run"])[order])[:, joints.index(joint)]
+    result[order] = along * direction(table, joint)[order] < 0
+    if f"dir_{joint}" in table:
+        result &= np.isnan(table[f"dir_{joint}"].to_numpy(dtype=np.float64))
     return result
 
 

@@ -40,7 +40,8 @@ def check_effect(document: Document, keys: Keys, spec: EffectSpec, machine: Mach
         raise document.error((*keys, error.key), error.found, error.cure) from error
     except InputError as error:  # an error of its terms names an element and not a key
         words = re.findall(r"\w+", f"{error.where} {error.found}")
-        named = ((key, value) for key, value in spec.options.items() if isinstance(value, str) and value in words)
+        options = ((k, v) for k, own in spec.options.items() for v in (own if isinstance(own, list) else [own]))
+        named = ((key, value) for key, value in options if isinstance(value, str) and value in words)
         key, value = next(named, ("effect", ""))
         found = error.found if value in error.found else f"'{value}': {error.found}"
         raise document.error((*keys, key), found, error.cure) from error

@@ -67,4 +67,5 @@ def _wrong(kind: type[Effect], error: ValidationError) -> tuple[str, str, str]:
     if words:
         return key, shown(first["input"]), f"{nearest(str(first['input']), words)}. {write}"
     rule = first["msg"].removeprefix("Value error, ").partition(",")[0].replace("Input should be", "It must be")
+    rule = rule.replace("a valid tuple", "a list in brackets, [ ]")
     return key, shown(first["input"]) if first["loc"] else "keys that contradict each other", f"{rule}. {write}"

@@ -33,7 +33,7 @@ class ClockOffset(Effect):
 
     effect: ClassVar[str] = "clock-offset"
     family: ClassVar[str] = "instrument"
-    source: ClassVar[str] = "trigger and network delays: 0.1 to 10 ms"
+    source: ClassVar[str] = "trigger and network delays: some 1 ms, from 0.1 to 10 ms"
     alike: ClassVar[tuple[str, ...]] = ("servo-lag", "backlash")
     separate: ClassVar[str] = "measure at rest, or over the same line in both directions at three feeds"
     example: ClassVar[Mapping[str, object]] = {}
@@ -61,6 +61,9 @@ class ClockOffset(Effect):
     def cost(self) -> float:
         """Natural logarithm of the prior odds against it: a delay of one joint is more likely a following error."""
         return 4.0 if len(self.joints) == 1 else 0.0
+
+    def positive(self, machine: Machine) -> str:
+        return "it measures later than the controller states the position"
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         every = tuple(j.name for j in machine.joints)

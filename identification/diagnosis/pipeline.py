@@ -265,13 +265,14 @@ def _finding(
     columns, values = linear.estimates([s.effect for s in group])
     numbers = [first + k for k, step in enumerate(model.steps) if any(step is s for s in group)]
     whole = whole_of(final, [s.effect for s in group], numbers)
+    hidden = _hidden(model.start, values @ columns[:, : model.start.size])
     probability = with_witnesses(probability_of(step), results)
     others = alternatives_of(step, linear, probability)
     log_names(log, main, probability, others)
     known = {(a.effect, a.where): a.probability for a in others}
     alike = sorted(look_alikes(step), key=lambda e: -(known.get((e.effect, e.where)) or 0.0))
     names = [named(subject(e), known.get((e.effect, e.where))) for e in alike]
-    statement = statement_of(whole, machine, step.absorbed, probability, names)
+    statement = statement_of(whole, machine, hidden, probability, names)
     at = getattr(main, "at", None) if "time" in main.drivers else None
     finding = Finding(
         effect=main.effect,
@@ -287,7 +288,7 @@ def _finding(
         probability=probability,
         p_value=p_value_of(step),
         heldout_rms_um=HeldOut(*(heldout_um(before, b) for b in (linear, model.linear))),
-        absorbed=step.absorbed,
+        absorbed=hidden,
         moved=_moved(before, model.start, columns[:, : len(linear.index)], values),
         alternatives=others,
         next_measurement=next_measurement(main, alike[0] if alike else None),
@@ -296,6 +297,12 @@ def _finding(
         positive=main.positive(machine),
     )
     return checked_name(finding, whole, final, log)
+
+
+def _hidden(linear: LinearModel, made: Array) -> float:
+    """Share of what a finding does to the rows (N + ties,) that the geometry takes up (R squared)."""
+    left = linear.project(made[None])[0]
+    return float(np.clip(1 - (left @ left) / max(float(made @ made), 1e-300), 0.0, 1.0))
 
 
 def _of_one_cause(group: Sequence[Step]) -> list[Effect]:

@@ -6,7 +6,7 @@ frames, estimation, correction for correlated noise, bounds, cross-validation by
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -131,6 +131,7 @@ def _fit(
     notes = (
         *fit_notes(survey, solution, noise, max(map(len, problem.views))),
         *dropped,
+        *idle_effects(chain, solution),
         *rotation_notes(problem.frames),
     )
     nominal = Spread.of(nominal_residuals)
@@ -314,6 +315,16 @@ def second_order(solution: Solution) -> list[str]:
         "its own, others likewise. Correct the largest errors of the machine, or its dimensions in machine.yaml, and "
         "measure again"
     ]
+
+
+def idle_effects(chain: Chain, solution: Solution) -> Iterator[str]:
+    """Notes on effects of the machine that the fitted rows do not show at all."""
+    for spec, ids in zip(chain.machine.effects, chain.effect_ids, strict=True):
+        if ids and set(ids) <= set(solution.groups.no_effect):
+            yield (
+                f"effect {spec.effect} ({', '.join(ids)}) moves nothing in these rows, which therefore do not "
+                "determine it: what drives it does not change in them"
+            )
 
 
 def fit_notes(survey: Survey, solution: Solution, noise: Noise | None, longest: int) -> tuple[str, ...]:

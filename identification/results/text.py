@@ -84,7 +84,8 @@ def fit_lines(analysis: Analysis) -> Iterator[str]:
         yield f"residuals exceed the declared uncertainty: standard uncertainties are multiplied by {fit.inflation:.2f}"
     yield from _outlier_lines(fit)
     shared = ("frame.", "frame[", "zero[", "observation[")
-    framed = [any(m.startswith(shared) for m in p["members"]) for p in analysis.groups]
+    effects = fit.chain.of_effects  # that of an instrument moves the frame, but is none of it
+    framed = [any(m.startswith(shared) and m not in effects for m in p["members"]) for p in analysis.groups]
     listed = [p for p, own in zip(analysis.groups, framed, strict=True) if not own and not p["meaning"]]
     listed.sort(key=lambda p: -abs(p["value"]) / p["std"] if p["std"] else -np.inf)
     yield "\nlargest in units of their uncertainty (all in parameters.csv)"

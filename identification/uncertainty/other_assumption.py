@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
 import numpy as np
@@ -14,15 +14,14 @@ Predict: TypeAlias = Callable[[list[Array], Array], Array]
 
 
 def half_change(
-    channels: list[Array], labels: Array, predicted: Array, predict: Predict, number: int, rows: Index, other: Array
+    channels: list[Array], labels: Array, predicted: Array, predict: Predict, rows: Index, others: Mapping[int, Array]
 ) -> Array:
-    """Half of what positions and errors (k, 6) of some rows change by, mm, with other values of one channel.
+    """Half of what positions and errors (k, 6) of some rows change by, mm, with other values of channels.
 
     Parameters
     ----------
     channels : each (n,), as assumed; `labels` (n,): of the rows' frames; `predicted` (n, 9): with these.
-    number : of the channel; `rows` (k,) and its `other` values there, (k,).
+    rows : (k,); `others`: by its number the values of a channel there, (k,).
     """
-    own = [c[rows] for c in channels]
-    own[number] = other
+    own = [others[number] if number in others else c[rows] for number, c in enumerate(channels)]
     return np.asarray((predict(as_rows(*own), labels[rows])[:, :6] - predicted[rows, :6]) / 2)

@@ -20,6 +20,7 @@ from identification.observation.frames import rotation_notes
 from identification.observation.pose import IDENTITY, Pose
 from identification.results.stored_fit import StoredFit
 from identification.uncertainty.measured_range import beyond_notes
+from identification.uncertainty.read_on_the_fly import on_the_fly, perhaps_at_rest
 from identification.uncertainty.reading_prediction import predicted_readings, rigid_parts
 from identification.uncertainty.recording_end import (
     after_last_row,
@@ -73,6 +74,7 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     out = _predict_rows(fit, channels, labels)
     out = midway(fit.chain, points.table, channels, labels, out, partial(_predict_rows, fit))
     out = with_other_use(fit.chain, channels, labels, out, partial(_predict_rows, fit))
+    out = perhaps_at_rest(fit.chain, points.table, channels, labels, out, partial(_predict_rows, fit))
     table = pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)
     if "joint" in points.table:
         table[[*MOTIONS, *MOTION_UNCERTAINTIES]] = _motions(fit, points, channels)
@@ -120,8 +122,8 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     own = (*fit.unlisted, *rotation_notes(fit.frames))
     late = started_anew(fit.chain, fit.data.get("history", {}), points.table)
     ended = as_in_last_run(fit.chain, fit.data.get("runs", ()), points.table)
-    idle = rested(fit.chain, points.table)
-    return (*own, *_unfitted(fit, points), *free, *beyond, *late, *ended, *idle, *_arrivals(fit, points))
+    idle, moving = rested(fit.chain, points.table), on_the_fly(fit.chain, points.table)
+    return (*own, *_unfitted(fit, points), *free, *beyond, *late, *ended, *idle, *moving, *_arrivals(fit, points))
 
 
 def _arrivals(fit: StoredFit, points: Survey) -> Iterator[str]:

@@ -42,8 +42,8 @@ def with_other_use(
     """
     out = predicted.copy()
     for number, until, rows in _rested(chain, channels):
-        worked_on = np.full(len(rows), until)
-        half = half_change(channels, labels, predicted, predict, number, rows, worked_on)
+        worked_on = {number: np.full(len(rows), until)}
+        half = half_change(channels, labels, predicted, predict, rows, worked_on)
         out[rows, 6:] = np.hypot(out[rows, 6:], half[:, :3])
     return out
 

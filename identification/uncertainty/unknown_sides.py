@@ -44,7 +44,7 @@ def midway(
     """
     out = predicted.copy()
     for number, rows in _unknown(chain, table):
-        half = half_change(channels, labels, predicted, predict, number, rows, -channels[number][rows])
+        half = half_change(channels, labels, predicted, predict, rows, {number: -channels[number][rows]})
         out[rows, :6] += half
         out[rows, 6:] = np.hypot(out[rows, 6:], half[:, 3:])
     return out

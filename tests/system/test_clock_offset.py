@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import read_machine
 from errormodel.survey import Survey
 from identification.diagnosis.pipeline import diagnose
+from identification.estimation.fit import fit_machine
+from identification.results import store
+from identification.uncertainty.prediction import notes, predict
 from tests.helpers.diagnosed import empty_survey, showing
 
 DELAY_S = 4e-3
@@ -41,3 +46,32 @@ def test_a_delay_is_found_without_a_feed(path: tuple[Machine, Survey]) -> None:
 def test_a_path_without_a_delay_is_adequate(path: tuple[Machine, Survey]) -> None:
     machine, survey = path
     assert diagnose(machine, showing(survey, machine, [], 0.005)).diagnosis.verdict == "adequate"
+
+
+def test_later_poses_say_whether_they_were_taken_to_move(path: tuple[Machine, Survey], tmp_path: Path) -> None:
+    """Times of poses at rest say a speed that they did not have: it is noted, and half of it is in the uncertainty."""
+    machine, survey = path
+    diagnosed = diagnose(machine, showing(survey, machine, [(ON_THE_FLY, [DELAY_S])], 0.005))
+    assert diagnosed.diagnosis.findings[0].brief.startswith("clock-offset of the instrument by ")
+    assert diagnosed.diagnosis.findings[0].brief.endswith(" ms")
+    store.save(diagnosed.final, tmp_path)
+    stored = store.load(tmp_path)
+    poses = empty_survey(machine, 40, 6, channels=False, grid=False)
+    still, timed = (replace(poses, table=poses.table.assign(time=t)) for t in (0.0, 10.0 * np.arange(40)))
+    at_rest, moved = predict(stored, still), predict(stored, timed)
+    assert not [n for n in notes(stored, still) if "on the fly" in n]
+    assert [n for n in notes(stored, timed) if "on the fly" in n and "does not run on" in n and "mm/s" in n]
+    assert not [n for n in notes(stored, survey) if "does not run on" in n]
+    for axis in "xyz":
+        half = (moved[f"m{axis}"] - at_rest[f"m{axis}"]).abs() / 2
+        assert half.max() > 0.01
+        assert (moved[f"u{axis}"] >= half).all()
+    with pytest.raises(InputError, match="one and the same time in every row"):
+        predict(stored, poses)
+
+
+def test_a_time_that_stands_still_determines_no_delay(path: tuple[Machine, Survey]) -> None:
+    machine, survey = path
+    still = showing(replace(survey, table=survey.table.assign(time=5.0)), machine, [], 0.005)
+    fit = fit_machine(replace(machine, effects=(ON_THE_FLY,)), still)
+    assert [n for n in fit.notes if "clock-offset (frame.dx.clock-offset) moves nothing in these rows" in n]

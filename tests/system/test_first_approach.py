@@ -1,4 +1,4 @@
-"""The side from which a joint came to its first positions, which nothing states: taken as the readings show it."""
+"""The side from which a joint came, where nothing states it: taken as the readings show it."""
 
 from __future__ import annotations
 
@@ -55,3 +55,31 @@ def test_the_first_side_is_found_and_makes_no_finding(side: float) -> None:
     if said:
         assert "rows 1, 2, 3" in said[0]
         assert "X is taken to have come with dir_X = -1" in said[0]
+
+
+def diagonals(overrun: bool) -> Survey:
+    """Body diagonals there and back, twice, each end read again before the way back; a mill with play in Y."""
+    travel = {j.name: j.travel for j in MILL.joints}
+    low, high = (np.array([t[k] for t in travel.values()]) * 0.9 for k in (0, 1))
+    path, sides = [], []
+    for ends in [(0, 0, 0), (0, 1, 0), (0, 0, 1), (0, 1, 1)] * 2:
+        first, last = np.where(ends, high, low), np.where(ends, low, high)
+        line = np.linspace(first, last, 15)
+        path += [line, line[::-1]]
+        sides += [np.tile(np.sign(last - first), (15, 1)), np.tile(np.sign(first - last), (15, 1))]
+    points = pd.DataFrame(np.vstack(path), columns=list(travel)).assign(tool_x=0.0, tool_y=0.0, tool_z=0.0)
+    if overrun:
+        points["dir_Y"] = np.vstack(sides)[:, 1]
+    survey = survey_of(known(MILL, made("backlash", joint="Y")), points, {"Y.dy.backlash": PLAY_MM / 2})
+    return replace(survey, table=survey.table.drop(columns="dir_Y", errors="ignore"))
+
+
+@pytest.mark.parametrize("overrun", [True, False])
+def test_ends_of_lines_are_overrun_where_the_readings_show_it(overrun: bool) -> None:
+    """With the sides of the rows' order the overrun one had a hysteresis, and a column that sags by 0.1 mm."""
+    diagnosed = diagnose(MILL, diagonals(overrun))
+    found = [(f.effect, f.where) for f in diagnosed.diagnosis.findings]
+    assert found == [("backlash", "Y")]
+    (amount,) = diagnosed.diagnosis.findings[0].parameters
+    assert amount.value == pytest.approx(PLAY_MM / 2, abs=4 * amount.std)
+    assert len([n for n in diagnosed.diagnosis.notes if "where a line begins" in n]) == overrun

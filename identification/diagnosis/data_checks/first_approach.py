@@ -1,8 +1,9 @@
-"""The side from which a joint came to its first positions, where neither a column nor a move states it.
+"""The side from which a joint came where neither a column nor a move states it: first positions, and starts of lines.
 
-`direction` assumes the sign of the first move. Where a joint has play, half of these assumptions are wrong, and what is
-left of them looks like a shift of the first rows. Of both signs the likelier one is taken: the residuals are fitted
-with motions of the joint that follow its direction of approach, with one sign and with the other.
+`direction` assumes the sign of the first move, and elsewhere that of the move from the row before. Where a joint has
+play, half of the first are wrong, and of lines whose ends are overrun the first positions; what is left of them looks
+like another effect. Of both signs the likelier one is taken: the residuals are fitted with motions of the
+joint that follow its direction of approach, with one sign and with the other.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.channels import assumed_sides, direction
+from errormodel.channels import assumed_sides, direction, starts_of_lines
 from errormodel.effects.base import Effect
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.blunder import listed
@@ -22,22 +23,35 @@ from identification.diagnosis.linear.linear_model import LinearModel
 
 CLEAR = 4.6  # log likelihood ratio, beyond the logarithm of how many were tried: odds of 100 to 1
 
+FIRST = (
+    "{rows}: before its first move there, {joint} is taken to have come with {channel} = {sign}, which nothing states, "
+    "but the readings show. Write {channel} if it is known"
+)
+START = (
+    "{rows}: where a line begins, {joint} is taken to come along it ({channel} = {sign}, after an overrun of the line "
+    "before as in ISO 230-2), which nothing states, but the readings show. Write {channel} if it is known"
+)
+
 
 def likelier_sides(
     survey: Survey, linear: LinearModel, effects: Sequence[Effect] = (), log: DecisionLog = UNRECORDED
 ) -> Survey | None:
-    """The survey with the likelier first directions of approach as columns; None where those assumed are as likely.
+    """The survey with the likelier directions of approach as columns; None where those assumed are as likely.
 
     Parameters
     ----------
     linear : of the survey's rows to fit, without the `effects`.
     effects : what was found; what follows a joint's direction is fitted anew with each sign.
     """
-    fitted = np.flatnonzero((survey.table["role"] == "fit").to_numpy())
-    series = [(j.name, assumed_sides(survey.table, j.name)) for j in linear.scene.moving if linear.scene.both_ways(j)]
-    tried = [(name, own == k) for name, own in series for k in np.unique(own[fitted]) if k]
+    table = survey.table
+    fitted = np.flatnonzero((table["role"] == "fit").to_numpy())
+    names = [j.name for j in linear.scene.moving if linear.scene.both_ways(j)]
+    series = [(name, assumed_sides(table, name)) for name in names]
+    tried = [(name, own == k, FIRST) for name, own in series for k in np.unique(own[fitted]) if k]
+    joints = [j.name for j in linear.scene.machine.joints]
+    tried += [(name, starts_of_lines(table, name, joints), START) for name in names]
     columns, texts = dict[str, Array](), list[str]()
-    for name, rows in tried:
+    for name, rows, text in tried:
         channel, turned = f"dir_{name}", rows[fitted][linear.index]
         if not turned.any():
             continue
@@ -53,14 +67,11 @@ def likelier_sides(
         found = gain > CLEAR
         log.add("first-approach", "found" if found else "passed", f"column {channel}", gain, CLEAR)
         if found:
-            side = columns.get(channel, direction(survey.table, name))
+            side = columns.get(channel, direction(table, name))
             columns[channel] = np.where(rows, -side, side)
-            sign = "+1" if columns[channel][rows][0] > 0 else "-1"
-            numbers = survey.table["row"].to_numpy()[rows].tolist()
-            texts.append(
-                f"rows {listed(numbers)}: before its first move there, {name} is taken to have come with {channel} = "
-                f"{sign}, which nothing states, but the readings show. Write {channel} if it is known"
-            )
+            signs = sorted({f"{value:+.0f}" for value in columns[channel][rows]}, reverse=True)
+            where = f"rows {listed(table['row'].to_numpy()[rows].tolist())}"
+            texts.append(text.format(rows=where, joint=name, channel=channel, sign=" or ".join(signs)))
     if not columns:
         return None
-    return replace(survey, table=survey.table.assign(**columns), notes=(*survey.notes, *texts))
+    return replace(survey, table=table.assign(**columns), notes=(*survey.notes, *texts))

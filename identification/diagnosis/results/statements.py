@@ -58,6 +58,8 @@ def brief_of(whole: Whole, machine: Machine) -> str:
     place = max(whole.tip, key=lambda p: whole.tip[p])
     if not _determined(whole):
         return f"{name} of a size that the data do not determine ({motion_name(place, machine)})"
+    if {*whole.units.values()} == {"s"}:  # a delay moves as much as the machine is fast
+        return f"{name} by {plus_minus(whole.amounts[0].value, 0.0, 's')}"
     value = abs(whole.amounts[0].value) if _steady(whole) else whole.range(place)[0]
     factor, unit = printed(unit_of(place[1]))
     size = f"{factor * value:.{max(0, 1 - math.floor(math.log10(max(factor * value, 1e-3))))}f}"

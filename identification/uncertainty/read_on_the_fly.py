@@ -1,0 +1,64 @@
+"""Whether commands with times are taken as read on the fly, where the delay of an instrument moves what is measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.chain import Chain
+from errormodel.path_speed import RATE_CHANNEL, in_motion
+from identification.uncertainty.other_assumption import Predict, half_change
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+DOUBT = ", though their path does not run on through them, and half of what that changes is in the uncertainty"
+
+
+def on_the_fly(chain: Chain, table: pd.DataFrame) -> Iterator[str]:
+    """A note on commands whose times say that the machine moved while they were measured, and how fast."""
+    channels = chain.columns(table) if _speeds(chain) else []
+    turning = {j.name for j in chain.machine.joints if j.type == "rotary"}
+    said = []
+    for number, joint in _speeds(chain):
+        fastest = float(np.abs(channels[number]).max())
+        rate = f"{np.degrees(fastest):.3g} deg/s" if joint in turning else f"{fastest:.3g} mm/s"
+        said += [f"{joint} up to {rate}"] if fastest > 0 else []
+    if said:
+        doubt = "" if _in_motion(chain, table) else DOUBT
+        yield (
+            f"by their times these rows are taken as read on the fly ({', '.join(said)}){doubt}: the instrument's "
+            "delay moves mx my mz. If they are poses at rest, give every row one and the same time"
+        )
+
+
+def perhaps_at_rest(
+    chain: Chain, table: pd.DataFrame, channels: list[Array], labels: Array, predicted: Array, predict: Predict
+) -> Array:
+    """Predictions (n, 9) that contain in their uncertainty half of a delay's effect, where rows may be poses at rest.
+
+    Parameters
+    ----------
+    channels : each (n,); `labels` (n,): of the rows' frames.
+    predicted : (n, 9)
+        Position, error and standard uncertainty in mm.
+    predict : such predictions of other rows, from their channels and labels.
+    """
+    at_rest = {number: np.zeros(len(table)) for number, _ in _speeds(chain)}
+    if not at_rest or _in_motion(chain, table):
+        return predicted
+    half = half_change(channels, labels, predicted, predict, np.arange(len(table)), at_rest)
+    return np.hstack([predicted[:, :6], np.hypot(predicted[:, 6:], half[:, :3])])
+
+
+def _speeds(chain: Chain) -> list[tuple[int, str]]:
+    """Channels of a speed by the clock: their numbers and joints."""
+    found = ((number, RATE_CHANNEL.fullmatch(name)) for number, name in enumerate(chain.channels))
+    return [(number, call[1]) for number, call in found if call]
+
+
+def _in_motion(chain: Chain, table: pd.DataFrame) -> bool:
+    return in_motion([table[j.name].to_numpy(dtype=np.float64) for j in chain.machine.joints])
