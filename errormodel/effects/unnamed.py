@@ -21,6 +21,7 @@ from errormodel.machine import Machine
 Form = Literal["affine", "linear", "square", "cubic"]
 SEARCHED = ShapeParameter(said=False)
 EDGE_SHARPNESS = 0.02  # of an amplitude: an edge takes a little way, so that a model has a slope everywhere
+SUDDEN = 1e-5  # the same of the clock, along which nothing asks for a slope
 FORM_DEGREES = {
     "affine": (0, 1),
     "linear": (1,),
@@ -94,10 +95,10 @@ class Unnamed(Effect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         own = (self.form, self.center, self.half_range, self.period, self.edge)
-        shapes = self._shapes(channel(self.driver), *own)
+        shapes = self._shapes(self.driver, channel(self.driver), *own)
         if self.by:
             own = (self.by_form, self.by_center, self.by_half_range, self.by_period, self.by_edge)
-            second = self._shapes(channel(self.by), *own)
+            second = self._shapes(self.by, channel(self.by), *own)
             shapes = {f"{k}-{n}": a * b for (k, a), (n, b) in product(shapes.items(), second.items())}
         unit, size = unit_of(self.motion), self.size or usual_size(self.motion)
         tied = self.size is not None
@@ -108,7 +109,7 @@ class Unnamed(Effect):
         return (cls.model_validate(fields) for fields in lattice(scene))
 
     def _shapes(
-        self, x: Value, form: Form, center: float, half: float, period: float | None, edge: float | None
+        self, name: str, x: Value, form: Form, center: float, half: float, period: float | None, edge: float | None
     ) -> dict[str, Value]:
         u = (x - center) / half
         if self.pieces:
@@ -116,13 +117,13 @@ class Unnamed(Effect):
             curve = splines((u + 1) / 2, self.pieces) if turn is None else closed_splines(turn, max(self.pieces, 5))
             return {str(k): s for k, s in enumerate(curve)}
         if period is not None and edge is not None:
-            return {"step": switch(x, period, edge)}
+            return {"step": switch(x, period, edge, SUDDEN if name == "time" else EDGE_SHARPNESS)}
         if period is not None:
             return waves(x, 2 * math.pi / period)
         return {str(n): legendre(n, u) if n else 0 * u + 1 for n in FORM_DEGREES[form]}
 
 
-def switch(x: Value, period: float, edge: float) -> Value:
+def switch(x: Value, period: float, edge: float, sharpness: float = EDGE_SHARPNESS) -> Value:
     """Square wave: 1 for half a period from `edge` on, then -1, with edges of finite width."""
     swing = sin((x - edge) * (2 * math.pi / period))
-    return swing / sqrt(swing * swing + EDGE_SHARPNESS**2)
+    return swing / sqrt(swing * swing + sharpness**2)

@@ -14,6 +14,7 @@ from errormodel.survey import Survey
 from identification.diagnosis.data_checks.first_approach import likelier_sides
 from identification.diagnosis.decisions.constants import NO_WORSE
 from identification.diagnosis.decisions.log import DecisionLog, ratio
+from identification.diagnosis.jumps import jumps_instead
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.of_fit import LEAST_RUN, MOST_ROWS, set_up, unused_runs
 from identification.diagnosis.linear.row_residuals import spread
@@ -43,10 +44,12 @@ from identification.runtime.progress import Progress
 class Explanation:
     """Effects that explain a fit's residuals, the fit with them, witness results, and what is untestable.
 
-    `before` is the fit without, its rows weighed as in the `final` one. `ranking` is that before all; `first` the
-    number of the first effect that was found, among the final machine's. `wave` runs along two joints, and is left.
+    `before` is the fit without, of the same `survey` with the same weights as the `final` one. `ranking` is that
+    before all; `first` the number of the first effect that was found, among the final machine's. `wave` runs along two
+    joints, and is left.
     """
 
+    survey: Survey
     before: Fit
     model: EffectModel
     final: Fit
@@ -86,7 +89,7 @@ def explained(
     looked = dict[object, Array]()
     selected = forward_select(linear, candidates, progress, log=log, looked=looked)
     give_back()
-    chosen = compare_alternatives(selected, candidates, progress, log, looked)
+    chosen = compare_alternatives(selected, candidates, progress, log, looked, jumps_instead(selected, log))
     if (known := likelier_sides(survey, linear, [s.effect for s in chosen.steps], log)) is not None:
         log.again()
         return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible, isotropic)
@@ -101,14 +104,14 @@ def explained(
     final = fit
     if changes or model.steps:
         with progress("Fitting the extended machine"):
-            model, final, larger = _that_predicts(fit, model, survey, changes, log)
+            model, final, larger = that_predicts(fit, model, survey, changes, log)
         if larger:  # something else is the cause, which may have a name; if not, nothing thermal has one
             log.again()
             without = _by_temperature if impossible else lambda e: (e.effect, e.where) in larger
             again = explained(fit, survey, changes, progress, log, without)
             return replace(again, untestable=_untestable(scores, again.model, log), ranking=scores.ranking())
     untestable = [] if impossible else _untestable(scores, model, log)
-    return Explanation(fit, model, final, witnessed, untestable, scores.ranking(), first, wave)
+    return Explanation(survey, fit, model, final, witnessed, untestable, scores.ranking(), first, wave)
 
 
 def _with_wave(
@@ -131,7 +134,7 @@ def _untestable(scores: Scores, model: EffectModel, log: DecisionLog) -> list[Un
     return unseen(model.start.scene, beside, [s.effect for s in model.steps], log)
 
 
-def _that_predicts(
+def that_predicts(
     fit: Fit, model: EffectModel, survey: Survey, changes: Sequence[Effect], log: DecisionLog
 ) -> tuple[EffectModel, Fit, set[tuple[str, str]]]:
     """The model, less findings with which rows left out are predicted worse than by the plain `fit`; and its fit.

@@ -14,6 +14,7 @@ from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.surveys.observations import groups
+from identification.diagnosis.courses import with_courses
 from identification.diagnosis.data_checks.approach_direction import contrary_sides
 from identification.diagnosis.data_checks.blunder import Blunder, listed, misses
 from identification.diagnosis.data_checks.checks import MOST_BLUNDERS, find_blunders, without
@@ -53,7 +54,6 @@ from identification.diagnosis.results.findings import (
 from identification.diagnosis.results.nameless_alternative import checked_alternative
 from identification.diagnosis.results.physical_limits import checked_name
 from identification.diagnosis.results.recorded_functions import recorded
-from identification.diagnosis.results.residual_dependence import dependence_of
 from identification.diagnosis.results.statements import (
     brief_of,
     named,
@@ -165,17 +165,16 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     if found.model.steps and not noise_checked and (more := gross_rows(found.final, log) & ~bad).any():
         bad = bad | more  # what was found had hidden them
         fit, found = again(bad)
+    without_courses = found.model  # beside which names are judged: a course in time takes the place of what has none
+    found, dependence = with_courses(found, changes, progress, log)
     model, final, first = found.model, found.final, found.first
     fits = [*before, mended]
     findings = [_blunder_finding(b, *fits[k : k + 2]) for k, b in enumerate(blunders)]
-    with progress("Testing what is left"):
-        components = 3 if final.fitted.n else 1
-        dependence = dependence_of(model.linear, 1e3 * noise_mm(found.before), log, components, found.wave)
     causes = []
     functions = recorded(model.start, np.unique(model.start.index)) if model.findings else []
     for g in model.findings:
         cause = _finding(g, model, final, found.before, first, found.witnessed.get(g[0].effect, []), log)
-        causes.append(checked_alternative(cause, model, g, functions, log))
+        causes.append(checked_alternative(cause, without_courses, g, functions, log))
     nameless = [g[0].effect for g, cause in zip(model.findings, causes, strict=True) if cause.nameless]
     final = known_where_recorded(final, model, first, nameless)
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)

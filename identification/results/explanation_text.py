@@ -179,7 +179,9 @@ def _against_lines(own: Sequence[Decision]) -> Iterator[str]:
 
 def fate_lines(fate: Fate, history: History, diagnosis: Mapping[str, Any]) -> Iterator[str]:
     """Why an effect was found, or where it dropped out."""
-    by = " and ".join(fate.explained_by) or "a finding"
+    gone = {d.place: d.rule for d in history.decisions if d.outcome == "removed"}
+    causes = [f"{p} (later removed: {gone[p]})" if p in gone else p for p in fate.explained_by]
+    by = " and ".join(causes) or "a finding"
     if fate.word == ABSENT and fate.effect in CHECKED:
         yield f"{fate.effect} was not found: it is no candidate, the data are checked for it before the search"
         own = [d for d in history.decisions if RULES[d.rule].stage == CHECKED[fate.effect]]

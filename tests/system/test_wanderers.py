@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -18,7 +19,11 @@ from identification.diagnosis.results.nameless_alternative import without_wander
 from identification.diagnosis.search.model import replayed
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import fit_machine
+from identification.results import store
+from identification.uncertainty.prediction import predict
 from tests.helpers.diagnosed import empty_survey, showing
+
+MEASURED = ["mx", "my", "mz"]
 
 
 @pytest.mark.parametrize(("driver", "kept"), [("w_level", False), ("T_0", True)])
@@ -74,3 +79,29 @@ def test_what_the_travel_leaves_behind_is_no_curve_of_it(seed: int) -> None:
     found = diagnose(machine, replace(shown, table=shown.table.drop(columns="w_state"))).diagnosis
     assert not [f.effect for f in found.findings if f.effect != "unnamed"]  # a curve was named before
     assert found.verdict != "adequate"
+
+
+@pytest.mark.parametrize("jumps", [1, 2])
+def test_a_hidden_state_is_modelled_where_and_when_it_changes(jumps: int, tmp_path: Path) -> None:
+    """A seat that tips once, or there and back: no effect with a name does, and later poses are predicted better."""
+    machine, rows = read_machine("vertical_three_axis"), 300
+    survey = empty_survey(machine, rows, 4, channels=False, grid=False)
+    time = 10.0 * np.arange(rows)
+    state = np.where((time > 1203) & ((time < 1804) | (jumps == 1)), 1.0, 0.0)
+    truth = EffectSpec("unnamed", {"element": "X", "motion": "ec", "driver": "w_state"})
+    moving = replace(survey, table=survey.table.assign(time=time, w_state=state))
+    hidden, true = (showing(moving, machine, [(truth, [6e-5])], noise).table for noise in (0.003, 1e-6))
+    hidden = hidden.drop(columns="w_state")
+    diagnosed = diagnose(machine, replace(survey, table=hidden[:225]))
+    (finding,) = diagnosed.diagnosis.findings
+    assert (finding.effect, finding.where, finding.driver, finding.motion) == ("unnamed", "X", ["time"], ["ec"])
+    assert finding.next_measurement == "measure fixed targets again and again between the positions"
+    (spec,) = diagnosed.final.chain.machine.effects
+    assert 1200 <= spec.options["edge"] <= 1210 if jumps == 1 else spec.options["pieces"]
+    errors = []
+    for name in ("baseline", "final"):
+        store.save(getattr(diagnosed, name), tmp_path / name)
+        later = predict(store.load(tmp_path / name), replace(survey, table=hidden[225:]))
+        errors.append(np.linalg.norm(later[MEASURED].to_numpy() - true[MEASURED].to_numpy()[225:]))
+    # beyond the recording a curve tends to its mean
+    assert errors[1] < (0.5 if jumps == 1 else 1.0) * errors[0]

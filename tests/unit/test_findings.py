@@ -81,7 +81,8 @@ def test_parameters_at_another_element_are_found() -> None:
     assert abs(amount.value - 2e-3) < 4 * amount.std
     text = said(found, battery.GANTRY)
     assert text.startswith("Clock-offset of the instrument, driven by feed: 1.99")
-    assert " ms, within what is usual (up to 2 ms)" in text
+    assert " ms (positive: it measures later than the controller states the position), within what is usual" in text
+    assert "(up to 2 ms)" in text
 
 
 def test_size_is_that_at_the_tip() -> None:

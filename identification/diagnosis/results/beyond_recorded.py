@@ -74,8 +74,17 @@ def _known(effect: Effect, number: int, fit: Fit) -> dict[str, object]:
         std = np.sqrt(sum(float(np.mean(np.var(c, axis=1))) for c in curves.values()))
         slope = np.sqrt(sum(float(np.mean(np.square(np.diff(c, axis=1)))) for c in curves.values()))
         if slope > 0:
-            within.append((name, low, high, _short(std / slope * (high - low) / FINE)))
+            length = (high - low) / 2 if _switches_once(effect, high - low) else std / slope * (high - low) / FINE
+            within.append((name, low, high, _short(length)))
     return {"within": tuple(within), "spread": tuple((*p, _short(std)) for p, std in spread.items())} if within else {}
+
+
+def _switches_once(effect: Effect, width: float) -> bool:
+    """Whether an effect has one step within a range: a state that changes once in it is forgotten in half of it.
+
+    (The covariance of a telegraph signal is ``exp(-2 rate |t|)``.)
+    """
+    return getattr(effect, "edge", None) is not None and (getattr(effect, "period", None) or 0.0) > 2 * width
 
 
 def _short(value: float) -> float:

@@ -87,7 +87,7 @@ class Dependence:
         if not self.channels:
             return "Return to one position again and again from elsewhere, and look whether it repeats"
         if self.channels == (CLOCK,):
-            return "Measure fixed targets again and again between the positions"
+            return f"Measure {FIXED_TARGETS}"
         if any(c.rpartition("(")[0] in PATH for c in self.channels):
             return "Measure the same positions again, coming to each from several others"
         on = " and ".join(map(_words, self.channels))
@@ -98,6 +98,7 @@ class Dependence:
         return asdict(self) | {"channels": [*self.channels]}
 
 
+FIXED_TARGETS = "fixed targets again and again between the positions"
 PATH = {
     "before(before": "where {} had been two rows before",
     "before": "where {} had been before",

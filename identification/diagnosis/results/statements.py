@@ -14,6 +14,8 @@ from errormodel.machine import Joint, Machine
 from errormodel.path_speed import joint_of_speed
 from identification.diagnosis.data_checks.blunder import length
 from identification.diagnosis.results.effect_size import Whole, constant
+from identification.diagnosis.results.recorded_functions import CLOCK
+from identification.diagnosis.results.residual_dependence import FIXED_TARGETS
 from identification.results.parameter_table import chance, decimals, printed
 
 SURE = 0.7  # probability below which a name is only one of several
@@ -356,7 +358,7 @@ def unequal(effect: Effect, others: Sequence[Effect]) -> Iterator[Effect]:
 def next_measurement(effect: Effect, alternative: Effect | None) -> str:
     """The measurement to do; with an alternative that this data cannot distinguish, both by name."""
     if alternative is None:
-        return effect.separate
+        return f"measure {FIXED_TARGETS}" if effect.empirical and effect.drivers == (CLOCK,) else effect.separate
     known = (
         alternative.effect in effect.alike
         or effect.empirical

@@ -7,7 +7,7 @@ second cause where much of a finding was taken for its discrepancy. The model wi
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -39,15 +39,17 @@ def compare_alternatives(
     progress: Progress = silent,
     log: DecisionLog = UNRECORDED,
     looked: Mapping[object, Array] | None = None,
+    others: Iterable[list[Step]] = (),
 ) -> EffectModel:
     """The model with the most evidence among the given one and searches from its alternatives and second causes.
 
     Parameters
     ----------
+    others : steps from which to search as well.
     looked : of findings that the first search compared with others, what was fitted of them then (`reselect`).
     """
-    begin = [[*others, alternative] for alternative, others in _alternatives(model, log)]
-    begin += _second_causes(model, candidates, log)
+    begin = [[*rest, alternative] for alternative, rest in _alternatives(model, log)]
+    begin += [*_second_causes(model, candidates, log), *others]
     if not begin:
         return model
     # of a model with many steps few searches are begun, the first of all: each takes as long as the search before
