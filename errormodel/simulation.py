@@ -17,6 +17,7 @@ from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.instruments.base import Instrument
 from errormodel.machine import Machine, Vector
+from errormodel.path_speed import RATE_CHANNEL
 from errormodel.surveys.columns import MEASURED, ORIENTATION, first_pose
 from errormodel.truth import Truth, read_truth, wrong_with
 
@@ -177,6 +178,8 @@ def simulate(
         cure = "Add `instrument:` with its uncertainties to survey.yaml, or give a standard deviation in mm"
         raise InputError("noise", "the survey names no instrument with uncertainties", cure)
     chain = Chain(model)
+    if survey is None and "time" not in chain.channels and any(map(RATE_CHANNEL.fullmatch, chain.channels)):
+        table = table.assign(time=0.0)  # random poses are measured at rest
     if isinstance(parameters, str | Path):
         truth = read_truth(Path(parameters), chain)
     else:

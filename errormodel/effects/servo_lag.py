@@ -8,37 +8,44 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar, Literal
 
+import numpy as np
+
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine, joint_of
-from errormodel.path_speed import speed_name
+from errormodel.path_speed import in_motion, rate_name, speed_name
 
 
 class ServoLag(JointEffect):
     """``-lag * speed`` along the axis; lag in s. Positive: lagging.
 
     `speed`, ``each``: every joint arrives with the whole feed, ``feed * direction`` (about a rotary joint the lag is in
-    rad s/mm); ``path``: the feed is that along the path, of which the joint has its share.
+    rad s/mm); ``path``: the feed is that along the path, of which the joint has its share; ``clock``: it moves as its
+    commanded positions do from row to row, by their times: rows were read on the fly.
     """
 
     effect: ClassVar[str] = "servo-lag"
     family: ClassVar[str] = "dynamic"
-    source: ClassVar[str] = "speed over the gain of the position loop; after a short dwell 5 um are left at 1 m/min"
+    source: ClassVar[str] = (
+        "speed over the gain of the position loop: 1 to 60 ms in motion; after a short dwell 5 um are left at 1 m/min"
+    )
     alike: ClassVar[tuple[str, ...]] = ("backlash", "clock-offset", "lost-motion")
     separate: ClassVar[str] = "approach the same positions at three feeds, with a short and a long dwell"
     example: ClassVar[Mapping[str, object]] = {"joint": "X"}
 
-    speed: Literal["each", "path"] = "each"
+    speed: Literal["each", "path", "clock"] = "each"
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return ("feed", f"dir_{self.joint}")
+        return (rate_name(self.joint),) if self.speed == "clock" else ("feed", f"dir_{self.joint}")
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_of(machine, self.joint)
         unit, size = "s", 3e-4
         if self.speed == "path":
             speed = channel(speed_name(machine, self.joint))
+        elif self.speed == "clock":
+            speed, size = channel(rate_name(self.joint)), 3e-3  # nothing has settled
         else:
             speed = channel("feed") / 60 * channel(f"dir_{self.joint}")
             if joint.type == "rotary":
@@ -47,6 +54,9 @@ class ServoLag(JointEffect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        path = [scene.columns[j.name] for j in scene.moving]
+        if scene.varies("time") and np.isfinite(path).all() and in_motion(path):
+            yield from (cls(joint=j.name, speed="clock") for j in scene.moving)
         for j in scene.moving:
             if scene.both_ways(j) and scene.varies("feed"):
                 yield cls(joint=j.name)

@@ -170,9 +170,11 @@ def _numbers(offences: _Offences, name: str) -> tuple[Array, bool]:
             dated = bool(no_date.sum() < bad.sum())
             if dated:
                 values, bad = seconds, no_date
-        example = "seconds, or dates such as 2024-03-12T10:00:00" if name == "time" else "a number"
-        found = "{}" if name == "time" else "{} is not a number"
-        offences.add(name, bad, found, f"Write {example}; leave the cell empty if there is no value")
+        empty = "leave the cell empty if there is no value"
+        found, cure = "{} is not a number", f"Write a number; {empty}"
+        if name == "time":  # every row has one, or none
+            found, cure = "{}", "Write seconds, or dates such as 2024-03-12T10:00:00"
+        offences.add(name, bad, found, cure)
     offences.add(name, np.isinf(values), "{}", "Write a finite number; leave the cell empty if there is no value")
     return values, dated
 

@@ -267,7 +267,7 @@ def predict(folder: Path, points: Path, out: OutputFile, stream: bool) -> None:
     show_notes(saved.notes_on(commands))
     table = api.predict(saved, commands, progress=working)
     out.write_csv(table)
-    say(f"{len(table)} predictions written to {out}")
+    say(f"{len(table)} prediction{'s' * (len(table) != 1)} written to {out}")
     return None
 
 

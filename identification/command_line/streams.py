@@ -86,7 +86,7 @@ def predict_stream(folder: Path, points: Path, out: OutputFile) -> None:
     with out.replaced() as part:
         count, notes = api.predict_stream(saved, points, part, steps=counting)
     show_notes(notes)
-    say(f"{count} predictions written to {out}")
+    say(f"{count} prediction{'s' * (count != 1)} written to {out}")
 
 
 def simulate_stream(

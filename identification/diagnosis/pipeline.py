@@ -72,6 +72,7 @@ from identification.diagnosis.together import together
 from identification.estimation.checks import check_declared, check_readings, noise_notes
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
+from identification.importing.words import counted
 from identification.observation.normal_equations import design_rows
 from identification.runtime.progress import Progress, silent
 
@@ -351,20 +352,20 @@ def _blunder_finding(blunder: Blunder, before: Fit | None, after: Fit | None) ->
 def _outlier_finding(bad: Mask, baseline: Fit, fit: Fit) -> Finding:
     rows = [int(r) for r in baseline.survey.table["row"].to_numpy()[bad]]
     far = np.nansum(np.square(vectors(baseline)[bad]), axis=1)
-    largest = 1e3 * float(np.sqrt(far.max()))
+    largest, one = 1e3 * float(np.sqrt(far.max())), len(rows) == 1
     return Finding(
         effect="outliers",
         where="instrument",
         statement=(
-            f"{len(rows)} rows of {len(bad)} lie far outside anything the others show (up to {largest:.0f} um) and "
-            f"were left out: rows {listed(rows)}."
+            f"{counted(len(rows), 'row')} of {len(bad)} {'lies' if one else 'lie'} far outside anything the others "
+            f"show (up to {largest:.0f} um) and {'was' if one else 'were'} left out: rows {listed(rows)}."
         ),
         parameters=[Amount("rows", float(len(rows)), 0.0, "")],
         probability=0.99,
         p_value=0.0,
         heldout_rms_um=HeldOut(spread(baseline, heldout=True).rms_um, spread(fit, heldout=True).rms_um),
         next_measurement="measure these rows again",
-        brief=f"{len(rows)} rows left out as outliers",
+        brief=f"{counted(len(rows), 'row')} left out as outliers",
         size_um=1e3 * float(np.sqrt(np.mean(far))),
         rows=rows,
     )

@@ -38,6 +38,7 @@ from identification.diagnosis.decisions.stages import (
 )
 from identification.results.terminal import table_lines
 
+LARGE = 1e6  # a factor that is printed as a power of ten
 SHOWN, SHOWN_ASIDE = 6, 10  # candidates of a list, the first of many; those that a finding was preferred to
 WHY = {
     FOUND: "was found",
@@ -90,7 +91,9 @@ def _margin(value: float, threshold: float, scale: str) -> str:
     if scale != CHANCE:
         return number(abs(value - threshold))
     low, high = sorted((value, threshold))
-    return f"a factor of {number(high / low)}" if low > 0 else "any factor"
+    if low <= 0:
+        return "any factor"
+    return f"a factor of {number(high / low) if high < LARGE * low else f'{high / low:.0e}'}"
 
 
 def overview_lines(

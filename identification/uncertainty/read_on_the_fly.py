@@ -1,4 +1,4 @@
-"""Whether commands with times are taken as read on the fly, where the delay of an instrument moves what is measured."""
+"""Whether commands with times are taken as read on the fly, where a delay or a servo lag follows the speed."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ def on_the_fly(chain: Chain, table: pd.DataFrame) -> Iterator[str]:
     if said:
         doubt = "" if _in_motion(chain, table) else DOUBT
         yield (
-            f"by their times these rows are taken as read on the fly ({', '.join(said)}){doubt}: the instrument's "
-            "delay moves mx my mz. If they are poses at rest, give every row one and the same time"
+            f"by their times these rows are taken as read on the fly ({', '.join(said)}){doubt}: an effect of this "
+            "machine follows their speed. If they are poses at rest, give every row one and the same time"
         )
 
 
 def perhaps_at_rest(
     chain: Chain, table: pd.DataFrame, channels: list[Array], labels: Array, predicted: Array, predict: Predict
 ) -> Array:
-    """Predictions (n, 9) that contain in their uncertainty half of a delay's effect, where rows may be poses at rest.
+    """Predictions (n, 9) with half of what their speed changes in the uncertainty, where rows may be poses at rest.
 
     Parameters
     ----------

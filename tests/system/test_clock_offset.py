@@ -43,6 +43,15 @@ def test_a_delay_is_found_without_a_feed(path: tuple[Machine, Survey]) -> None:
     assert "driven by the speeds of X, Y and Z: " in finding.statement
 
 
+@pytest.mark.parametrize("joint", ["X", "Z"])
+def test_one_joint_that_follows_late_is_its_servo_lag(path: tuple[Machine, Survey], joint: str) -> None:
+    machine, survey = path
+    lag = EffectSpec("servo-lag", {"joint": joint, "speed": "clock"})
+    (finding,) = diagnose(machine, showing(survey, machine, [(lag, [2e-3])], 0.005)).diagnosis.findings
+    assert (finding.effect, finding.where, finding.driver) == ("servo-lag", joint, [f"rate({joint})"])
+    assert abs(finding.parameters[0].value - 2e-3) < 4 * finding.parameters[0].std
+
+
 def test_a_path_without_a_delay_is_adequate(path: tuple[Machine, Survey]) -> None:
     machine, survey = path
     assert diagnose(machine, showing(survey, machine, [], 0.005)).diagnosis.verdict == "adequate"
