@@ -24,11 +24,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Array, Index, Mask
+from errormodel.approach import direction
+from errormodel.arrays import Array, Index
 from errormodel.exceptions import InputError, nearest
-from errormodel.line_starts import line_starts
 from errormodel.machine_rests import RESUMED_CHANNEL, resumed
 from errormodel.path_speed import RATE_CHANNEL, SPEED_CHANNEL, clock_speed, path_speed
+from errormodel.row_order import label_numbers, measured_order
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,7 +45,6 @@ UNITS_OF_CHANNELS = {"time": "s", "feed": "mm/min", "load": "kg"}
 OWN_COLUMNS = ("file", "role", "row")  # of a survey's table, which no file has
 _GAPLESS = ("T_", "w_", "time", "feed", "load")
 LAST_ROW = 1e9  # number of a row after all that were recorded
-JUMP_STEPS = 2.5  # times the median step between targets: a longer step back begins a new sequence; by judgement
 # nominal position of the functional point in the reference's axes, mm
 POINT_CHANNELS = ("point_x", "point_y", "point_z")
 
@@ -135,10 +135,10 @@ def clocks(table: pd.DataFrame, name: str) -> Index:
     Runs of a file may share a clock, or each may start at zero. Where the time goes back, the column decides: the clock
     is common if the column is a smooth function of the file's time, else each run has its own.
     """
-    files, time = _codes(table, ["file"]), table["time"].to_numpy(dtype=np.float64)
+    files, time = label_numbers(table, ["file"]), table["time"].to_numpy(dtype=np.float64)
     if "run" not in table or not (np.diff(time) < 0).any():
         return files
-    runs, values = _codes(table, ["file", "run"]), table[name].to_numpy(dtype=np.float64)
+    runs, values = label_numbers(table, ["file", "run"]), table[name].to_numpy(dtype=np.float64)
     out = files.copy()
     for rows in _by_label(files):
         if (np.diff(time[rows]) < 0).any() and np.ptp(runs[rows]) > 0:
@@ -196,35 +196,10 @@ def _place(table: pd.DataFrame, row: int) -> tuple[str, str]:
     return str(table["file"].iloc[row]), str(table["row"].iloc[row])
 
 
-def direction(table: pd.DataFrame, joint: str) -> Array:
-    """Direction of approach of a joint: +1 from smaller positions, -1 from larger ones, (n,).
-
-    It is that of the column ``dir_<joint>``; where the column is empty, that of the order of a file's rows (of their
-    times where a run's rows are not in order). A joint at rest keeps its sign; before its first move it has the sign of
-    that move; without any move it has +1. For rows about the joint's own error motions see `passes`.
-    """
-    if f"dir_{joint}" in table and not np.isnan(given := table[f"dir_{joint}"].to_numpy(dtype=np.float64)).any():
-        return np.array(given)
-    order, moved = _moves(table, joint)
-    by_file = moved.groupby(_codes(table, ["file"])[order])
-    derived = by_file.ffill().fillna(by_file.bfill()).fillna(1.0)
-    result = np.empty(len(table))
-    result[order] = derived.to_numpy()
-    if "joint" in table:
-        own = order[(table["joint"] == joint).to_numpy()[order]]
-        file, runs = _codes(table, ["file"]), _codes(table, ["run"])
-        for code in np.unique(file[own]):
-            rows = own[file[own] == code]
-            result[rows] = passes(table[joint].to_numpy(dtype=np.float64)[rows], runs[rows])
-    if f"dir_{joint}" in table:
-        result = np.where(np.isnan(given), result, given)
-    return result
-
-
 def speed(table: pd.DataFrame, joint: str, linear: str, turning: str) -> Array:
     """Speed of a joint (n,), mm/s or rad/s: its share of the feed on the path of joints named with commas between."""
     names = [n for n in (*linear.split(","), *turning.split(",")) if n]
-    order = _order(table)
+    order = measured_order(table)
     time = channel(table, "time") if "time" in table else np.full(len(table), np.nan)
     out = np.empty(len(table))
     out[order] = path_speed(
@@ -233,7 +208,7 @@ def speed(table: pd.DataFrame, joint: str, linear: str, turning: str) -> Array:
         channel(table, "feed")[order],
         np.column_stack([direction(table, n) for n in names])[order],
         time[order],
-        _codes(table, ["file", "run"])[order],
+        label_numbers(table, ["file", "run"])[order],
     )[:, names.index(joint)]
     return out
 
@@ -243,125 +218,10 @@ def rate(table: pd.DataFrame, joint: str) -> Array:
     if "time" not in table:
         why = f"by which an effect of this machine takes the speed of {joint}"
         raise _missing(table, "time", why, "; at poses at rest one and the same time in every row")
-    order, out = _order(table), np.empty(len(table))
-    series = _codes(table, ["file", "run"])[order]
+    order, out = measured_order(table), np.empty(len(table))
+    series = label_numbers(table, ["file", "run"])[order]
     out[order] = clock_speed(channel(table, joint)[order], channel(table, "time")[order], series)
     return out
-
-
-def _moves(table: pd.DataFrame, joint: str) -> tuple[Index, pd.Series]:
-    """Rows in the order in which a joint came to them, and in this order the sign of its move to each; NaN at rest."""
-    order, file = _order(table), _codes(table, ["file"])
-    position = table[joint].iloc[order].groupby(file[order])
-    return order, np.sign(position.ffill().groupby(file[order]).diff()).replace(0.0, np.nan)
-
-
-def _order(table: pd.DataFrame) -> Index:
-    """Rows in the order in which they were measured: their own or, where a run's times are not in order, theirs."""
-    import pandas as pd
-
-    file = _codes(table, ["file"])
-    order = np.arange(len(table))
-    if "time" in table:
-        run = _codes(table, ["file", "run"])
-        step = table["time"].groupby(run, sort=False).diff()
-        shuffled = pd.Series(step < 0).groupby(file).transform("any").to_numpy()
-        time = np.where(shuffled, table["time"], 0.0)
-        order = np.lexsort((time, np.where(shuffled, run, 0), file))  # stable: otherwise the rows' own order
-    return order
-
-
-def assumed_sides(table: pd.DataFrame, joint: str) -> Index:
-    """Which rows have a direction of approach that nothing states: those before a joint's first move in a file or run.
-
-    Returns
-    -------
-    (n,) integers: from 1 the number of the series of rows, 0 where a column or a move states the direction, and where
-    the joint never moves.
-    """
-    known, run = _known_by_moves(table, joint), _codes(table, ["file", "run"])
-    result = np.where(~known & np.isin(run, run[known]), run + 1, 0)
-    if f"dir_{joint}" in table:
-        result[np.isfinite(table[f"dir_{joint}"].to_numpy(dtype=np.float64))] = 0
-    return result
-
-
-def starts_of_lines(table: pd.DataFrame, joint: str, joints: Sequence[str]) -> Mask:
-    """Rows (n,) that begin a line of positions of all `joints`, along which this joint moves as it did not come there.
-
-    Rows whose column ``dir_<joint>`` states the direction are none of them.
-    """
-    order, result = _order(table), np.zeros(len(table), dtype=np.bool_)
-    places = np.column_stack([channel(table, name) for name in joints])[order]
-    along = line_starts(places, _codes(table, ["file", "run"])[order])[:, joints.index(joint)]
-    result[order] = along * direction(table, joint)[order] < 0
-    if f"dir_{joint}" in table:
-        result &= np.isnan(table[f"dir_{joint}"].to_numpy(dtype=np.float64))
-    return result
-
-
-def unknown_sides(table: pd.DataFrame, joint: str) -> Mask:
-    """Rows (n,) whose direction of approach neither a column nor a move of the joint in their run states."""
-    unknown = ~_known_by_moves(table, joint)
-    if f"dir_{joint}" in table:
-        unknown &= np.isnan(table[f"dir_{joint}"].to_numpy(dtype=np.float64))
-    return unknown
-
-
-def _known_by_moves(table: pd.DataFrame, joint: str) -> Mask:
-    """Rows (n,) from a joint's first move in a file or run on."""
-    import pandas as pd
-
-    order, moved = _moves(table, joint)
-    run = pd.Series(_codes(table, ["file", "run"])[order])
-    # how it came to a run's first row, the end of the run before does not say
-    moves = moved.reset_index(drop=True).mask(~run.duplicated()).notna()
-    known = np.empty(len(table), dtype=np.bool_)
-    known[order] = moves.groupby(run).cummax()
-    return known
-
-
-def passes(position: Array, run: Index) -> Array:
-    """Direction of approach to the targets of a bidirectional test, +-1, from positions (n,) and runs (n,).
-
-    In ISO 230-2 the joint overruns the last target and approaches it from the other side. Of a target at a reversal
-    that is read twice as often as the others, the later half therefore belongs to the way back. For the same reason the
-    first target of a run, and one that the joint jumps back to, has the direction of the targets after it.
-    """
-    starts = np.flatnonzero(np.diff(position, prepend=np.nan) != 0)
-    counts = np.diff(np.append(starts, len(position)))
-    steps = np.diff(position[starts])
-    signs = np.sign(steps)
-    if not len(signs):
-        return np.ones(len(position))
-    before, after = np.append(signs[0], signs), np.append(signs, signs[-1])
-    inner = counts[1:-1][signs[1:] == signs[:-1]]
-    usual = float(np.median(inner)) if len(inner) else float(counts.min())
-    long = np.abs(steps) > JUMP_STEPS * np.median(np.abs(steps))
-    out = np.repeat(before, counts)
-    for k in np.flatnonzero(before != after):
-        a, b = starts[k], starts[k] + counts[k]
-        fresh = np.flatnonzero(np.diff(run[a - 1 : b])) if a else np.zeros(0, dtype=np.intp)
-        around = signs[[k - 3, k - 2, k, k + 1]] if 2 < k < len(signs) - 1 else before[k : k + 1]
-        if long[k - 1] and (around == after[k]).all():
-            out[a:b] = after[k]
-        elif len(fresh):
-            out[a + fresh[-1] : b] = after[k]
-        elif counts[k] >= 2 * usual:
-            out[a + counts[k] // 2 : b] = after[k]
-    return out
-
-
-def _codes(table: pd.DataFrame, names: list[str]) -> Index:
-    """Number of each distinct label of the rows; one number for all rows where the columns do not exist."""
-    import pandas as pd
-
-    codes = np.zeros(len(table), dtype=np.intp)
-    for name in names:
-        if name in table:
-            own, labels = pd.factorize(table[name], use_na_sentinel=False)
-            codes = codes * len(labels) + own
-    return codes
 
 
 def lag(table: pd.DataFrame, name: str, tau: float) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from errormodel.channels import direction
+from errormodel.approach import direction
 from errormodel.conventions import MOTIONS
 from errormodel.drives import check_series, in_step
 from errormodel.effects.axis_blunder import mended
@@ -144,7 +144,7 @@ class Survey:
         return [self.rows((held_out & (self.table["file"] == file)).to_numpy(dtype=bool)) for file in files]
 
     def direction(self, joint: str) -> Array:
-        """Direction of approach of a joint, +-1, (n,): see :func:`errormodel.channels.direction`."""
+        """Direction of approach of a joint, +-1, (n,): see :func:`errormodel.approach.direction`."""
         return direction(self.table, joint)
 
 

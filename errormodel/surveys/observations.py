@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from errormodel.approach import direction
 from errormodel.arrays import Array, Index, Mask, as_rows
-from errormodel.channels import direction
 from errormodel.exceptions import InputError, nearest
 from errormodel.observations.base import Observation
 from errormodel.surveys.columns import OBSERVATION, READINGS, TOOL_COLUMNS, first_pose

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from errormodel.approach import direction
 from errormodel.arrays import Array, Mask
 from errormodel.chain import TOOL_CHANNELS
-from errormodel.channels import direction
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
 from errormodel.files import read_csv, without_apostrophes

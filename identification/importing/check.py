@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from errormodel.approach import direction
 from errormodel.chain import Chain
-from errormodel.channels import direction
 from errormodel.conventions import MOTIONS
 from errormodel.machine import Joint, Machine
 from errormodel.survey import Survey

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from errormodel.approach import direction
 from errormodel.arrays import Array, Index
-from errormodel.channels import direction
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from errormodel.approach import passes
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
-from errormodel.channels import passes
 from errormodel.conventions import ROTATIONS, TRANSLATIONS
 from errormodel.machine import Joint, Machine
 from errormodel.survey import Survey

@@ -23,7 +23,7 @@ def revisits(count: int, rank: int, components: int = 3) -> int:
 
 
 def directions(positions: Array) -> Array:
-    """Approach direction, +-1, of positions (..., n) in order, as `errormodel.channels.direction` derives it."""
+    """Approach direction, +-1, of positions (..., n) in order, as `errormodel.approach.direction` derives it."""
     signs = np.sign(np.diff(positions, axis=-1))
     signs = np.concatenate([signs[..., :1], signs], axis=-1)
     for k in range(1, signs.shape[-1]):  # a joint that stands still keeps its sign

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from errormodel.approach import unknown_sides
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
-from errormodel.channels import unknown_sides
 from identification.uncertainty.other_assumption import Predict, half_change
 
 if TYPE_CHECKING:

@@ -9,9 +9,10 @@ from functools import cache
 import numpy as np
 import pandas as pd
 
+from errormodel.approach import direction
 from errormodel.arrays import Array
 from errormodel.chain import Chain
-from errormodel.channels import POINT_CHANNELS, columns, direction
+from errormodel.channels import POINT_CHANNELS, columns
 from errormodel.conventions import MOTIONS, ROTATIONS
 from errormodel.effects import make, registry
 from errormodel.effects.base import Effect, EffectTerm

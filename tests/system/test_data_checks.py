@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from errormodel.approach import direction
 from errormodel.chain import Chain
-from errormodel.channels import direction
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine
 from errormodel.machine_file import read_machine

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from errormodel.channels import assumed_sides
+from errormodel.approach import assumed_sides
 from errormodel.machine_file import read_machine
 from errormodel.simulation import random_points
 from errormodel.survey import Survey

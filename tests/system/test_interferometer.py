@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from errormodel.channels import direction
+from errormodel.approach import direction
 from errormodel.exceptions import InputError
 from errormodel.machine_file import read_machine
 from errormodel.survey import Survey, read_survey

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from errormodel.channels import channel, direction
+from errormodel.approach import direction
+from errormodel.channels import channel
 
 POSITIONS = st.lists(st.floats(-100, 100).map(lambda q: round(q, 2)), min_size=1, max_size=60)
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from errormodel.channels import starts_of_lines
+from errormodel.approach import starts_of_lines
 from errormodel.line_starts import line_starts
 
 

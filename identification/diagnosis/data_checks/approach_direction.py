@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.channels import direction
+from errormodel.approach import direction
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 
 if TYPE_CHECKING:

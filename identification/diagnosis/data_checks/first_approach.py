@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from errormodel.approach import assumed_sides, direction, starts_of_lines
 from errormodel.arrays import Array
-from errormodel.channels import assumed_sides, direction, starts_of_lines
 from errormodel.effects.base import Effect
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.blunder import listed

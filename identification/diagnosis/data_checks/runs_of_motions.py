@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from errormodel.approach import direction
 from errormodel.arrays import Array
-from errormodel.channels import direction
 from errormodel.conventions import FRAME, MOTIONS
 from errormodel.effects.station_shift import StationShift
 from errormodel.exceptions import InputError

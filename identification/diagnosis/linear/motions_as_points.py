@@ -16,8 +16,8 @@ import numpy as np
 import pandas as pd
 
 from errormodel import effects, joint_models
+from errormodel.approach import direction
 from errormodel.chain import TOOL_CHANNELS, Chain
-from errormodel.channels import direction
 from errormodel.conventions import MOTIONS, ROTATIONS, TRANSLATIONS, Motion
 from errormodel.effects.base import axis_motion
 from errormodel.effects.unnamed import Unnamed
