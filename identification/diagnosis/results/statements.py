@@ -185,7 +185,8 @@ def shape(effect: Effect, machine: Machine) -> str:
             words.append(f"with a period of {size}{turns}")
     for driver, name in zip(effect.drivers, ("edge", "by_edge"), strict=False):
         if (edge := getattr(effect, name, None)) is not None:
-            words.append(f"switching where {driver} passes {position(joints.get(driver), edge)}")
+            place = f"{edge:.5g} s" if driver == CLOCK else position(joints.get(driver), edge)
+            words.append(f"switching where {driver} passes {place}")
     if (at := getattr(effect, "at", None)) is not None:
         words.append(f"from {at:.5g} s on" if "time" in effect.drivers else f"at {position(joint, at)}")
     if (row := getattr(effect, "row", None)) is not None:
