@@ -33,7 +33,7 @@ from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.extension import Explanation, explained
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.motions_as_points import as_points, carried
-from identification.diagnosis.linear.residual_rows import heldout_um, views_of
+from identification.diagnosis.linear.residual_rows import heldout_um, rms_um, views_of
 from identification.diagnosis.linear.row_residuals import by_observation, noise_mm, spread, vectors
 from identification.diagnosis.results.beyond_recorded import known_where_recorded
 from identification.diagnosis.results.diagnosed import Diagnosed
@@ -264,8 +264,13 @@ def _finding(
     linear = model.without(group)  # geometry and the other findings fitted, this one not
     columns, values = linear.estimates([s.effect for s in group])
     numbers = [first + k for k, step in enumerate(model.steps) if any(step is s for s in group)]
-    whole = whole_of(final, [s.effect for s in group], numbers)
-    hidden = _hidden(model.start, values @ columns[:, : model.start.size])
+    made = values @ columns[:, : model.start.size]
+    left = model.start.project(made[None])[0]
+    hidden = float(
+        np.clip(1 - (left @ left) / max(float(made @ made), 1e-300), 0.0, 1.0)
+    )  # by the geometry (R squared)
+    seen_um = rms_um(before, model.start, left[: len(model.start.index)])
+    whole = replace(whole_of(final, [s.effect for s in group], numbers), seen_um=seen_um)
     probability = with_witnesses(probability_of(step), results)
     others = alternatives_of(step, linear, probability)
     log_names(log, main, probability, others)
@@ -297,12 +302,6 @@ def _finding(
         positive=main.positive(machine),
     )
     return checked_name(finding, whole, final, log)
-
-
-def _hidden(linear: LinearModel, made: Array) -> float:
-    """Share of what a finding does to the rows (N + ties,) that the geometry takes up (R squared)."""
-    left = linear.project(made[None])[0]
-    return float(np.clip(1 - (left @ left) / max(float(made @ made), 1e-300), 0.0, 1.0))
 
 
 def _of_one_cause(group: Sequence[Step]) -> list[Effect]:

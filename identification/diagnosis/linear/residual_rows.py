@@ -34,24 +34,29 @@ def by_rows(fit: Fit, linear: LinearModel, values: Array) -> Iterator[tuple[Posi
 
 
 def heldout_um(fit: Fit, linear: LinearModel) -> float:
-    """Root mean square of the rows' residuals, in blocks that are each predicted without it, um.
+    """Root mean square of the rows' residuals, in blocks that are each predicted without it, um."""
+    return rms_um(fit, linear, cross_validation_residuals(linear))
 
-    The 3-D residual of points, the gap of lengths (`row_residuals`).
+
+def rms_um(fit: Fit, linear: LinearModel, values: Array) -> float:
+    """Root mean square over the rows of whitened values (N,) of the linear model's observations, um.
+
+    3-D vectors of points, gaps of lengths (`row_residuals`).
     """
     if fit.readings is not None:
-        return _of_readings(fit, linear)
+        return _of_readings(fit, linear, values)
     square, count = 0.0, 0
-    for part, left in by_rows(fit, linear, cross_validation_residuals(linear)):
+    for part, left in by_rows(fit, linear, values):
         square += float(np.sum(unwhitened(part, left) ** 2))
         count += len(part)
     return 1e3 * fit.solution.sigma["position"] * float(np.sqrt(square / count))
 
 
-def _of_readings(fit: Fit, linear: LinearModel) -> float:
+def _of_readings(fit: Fit, linear: LinearModel, values: Array) -> float:
     """The same where lengths or angles are among the rows; a row with a point and a length counts once."""
     square = np.zeros(len(fit.survey))
     seen = np.zeros(len(fit.survey), dtype=bool)
-    for part, left in by_rows(fit, linear, cross_validation_residuals(linear)):
+    for part, left in by_rows(fit, linear, values):
         factor = counts(part, fit) if isinstance(part, ReadingView) else 1.0
         if factor:
             gap = factor * fit.solution.sigma[part.kind] * unwhitened(part, left)

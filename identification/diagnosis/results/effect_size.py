@@ -41,6 +41,7 @@ class Whole:
     tip : (element, motion) -> root mean square (um) of what that motion does at the tip, about its mean where any
         varies: a constant is the geometry's as well.
     size_um : root mean square of what all of them do at the tip, likewise.
+    seen_um : that of what the geometry leaves of it in the rows, which is what the data show.
     """
 
     effects: tuple[Effect, ...]
@@ -51,6 +52,7 @@ class Whole:
     motions: Mapping[tuple[str, Motion], Array]
     tip: Mapping[tuple[str, Motion], float]
     size_um: float
+    seen_um: float = float("nan")
 
     @property
     def every(self) -> list[str]:

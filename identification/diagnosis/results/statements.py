@@ -24,6 +24,7 @@ SECOND = 0.5  # of what the largest motion does at the tip: a second one is ment
 USUAL, LARGE = 2.0, 4.0  # physical sizes: up to there an effect is usual, up to there large
 SPOKEN = {"period", "edge", "by_edge", "at", "width", "tau"}  # shape parameters with words of their own
 ONE_WAY = 0.3  # of the larger of two waves, one in the sum and one in the difference: the other is not mentioned
+LEAST_SEEN_UM = 0.01  # what is smaller is not said
 MOST_TURNS = 3  # a turn: fewer are given as a period only
 PLACES = {FRAME: "the measuring frame", TOOL: "the tool", INSTRUMENT: "the instrument"}
 
@@ -242,7 +243,7 @@ def _figures(whole: Whole, machine: Machine) -> Iterator[str]:
         return
     if _steady(whole):
         amount = whole.amounts[0]
-        doubt = "" if _determined(whole) else ": the data do not determine this size"
+        doubt = "" if _determined(whole) else _undetermined(whole)
         yield f"{spoken(ranked[0], machine)} is off by {plus_minus(amount.value, amount.std, amount.unit)}{doubt}"
         return
     shown = [p for p in ranked[:2] if whole.tip[p] >= SECOND * whole.tip[ranked[0]]]
@@ -250,7 +251,7 @@ def _figures(whole: Whole, machine: Machine) -> Iterator[str]:
     if moves:
         usual = f", {_usual(_largest(whole, machine))}" if known and not coefficients else ""
         if not _determined(whole):
-            usual = ": the data do not determine this size"
+            usual = _undetermined(whole)
         elif sign := main.meaning_of_sign([a.value for a in whole.amounts]) if not any(other) else "":
             usual = f", {sign}"
         yield f"moves {' and '.join(moves)} peak to peak over the rows{_further(whole, other, shown, machine)}{usual}"
@@ -269,6 +270,12 @@ def _further(whole: Whole, other: Sequence[bool], shown: Sequence[tuple[str, Mot
     further = [channel(d) for d in dict.fromkeys(drivers) if d not in known]
     also = f" and depend{'s' * (terms == 1)} on {' and '.join(further)} as well" if further else ""
     return words + (refining + also if terms else "")
+
+
+def _undetermined(whole: Whole) -> str:
+    """That the data do not determine a size, and what they show of it."""
+    shown = f"; beyond what the geometry could be as well they show {length(whole.seen_um)} rms of it"
+    return ": the data do not determine this size" + (shown if whole.seen_um >= LEAST_SEEN_UM else "")
 
 
 def _determined(whole: Whole) -> bool:
