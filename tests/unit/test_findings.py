@@ -116,6 +116,8 @@ def test_a_size_that_the_data_do_not_determine_is_none() -> None:
     assert ": the data do not determine this size; the geometry" in text
     assert "usual" not in text
     assert "at the tip" not in text
+    shown = said(replace(vague, seen_um=4.2), battery.GANTRY)
+    assert "; beyond what the geometry could be as well they show 4.2 um rms of it; the geometry" in shown
     assert brief_of(vague, battery.GANTRY) == "backlash of X of a size that the data do not determine (EXX)"
 
 
