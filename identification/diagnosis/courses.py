@@ -11,11 +11,12 @@ from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS
 from errormodel.effects.base import Effect
 from errormodel.effects.unnamed import Unnamed
-from identification.diagnosis.decisions.log import DecisionLog
+from identification.diagnosis.decisions.constants import NO_WORSE
+from identification.diagnosis.decisions.log import DecisionLog, ratio
 from identification.diagnosis.extension import Explanation, that_predicts
 from identification.diagnosis.jumps import jump_of
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.linear.row_residuals import noise_mm
+from identification.diagnosis.linear.row_residuals import noise_mm, spread
 from identification.diagnosis.results.nameless_evidence import best_of
 from identification.diagnosis.results.recorded_functions import CLOCK, wandering
 from identification.diagnosis.results.residual_dependence import Dependence, dependence_of
@@ -55,6 +56,10 @@ def with_courses(
             break
         with progress("Fitting the extended machine"):
             model, final, _ = that_predicts(found.before, longer, found.survey, changes, log)
+        errors = [spread(fit, heldout=True).rms_um or 0.0 for fit in (final, found.final)]
+        if errors[0] > NO_WORSE * errors[1]:
+            log.add("prediction-made-worse", "removed", longer.steps[-1].effect, ratio(*errors), NO_WORSE)
+            break
         found = replace(found, model=model, final=final)
     return found, left
 

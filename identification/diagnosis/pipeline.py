@@ -266,9 +266,7 @@ def _finding(
     numbers = [first + k for k, step in enumerate(model.steps) if any(step is s for s in group)]
     made = values @ columns[:, : model.start.size]
     left = model.start.project(made[None])[0]
-    hidden = float(
-        np.clip(1 - (left @ left) / max(float(made @ made), 1e-300), 0.0, 1.0)
-    )  # by the geometry (R squared)
+    hidden = 1 - min(float(left @ left) / max(float(made @ made), 1e-300), 1.0)  # by the geometry (R squared)
     seen_um = rms_um(before, model.start, left[: len(model.start.index)])
     whole = replace(whole_of(final, [s.effect for s in group], numbers), seen_um=seen_um)
     probability = with_witnesses(probability_of(step), results)
