@@ -55,7 +55,8 @@ class ServoLag(JointEffect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         path = [scene.columns[j.name] for j in scene.moving]
-        if scene.varies("time") and np.isfinite(path).all() and in_motion(path):
+        timed = scene.varies("time") and not scene.varies("feed")  # which says the speed where it is recorded
+        if timed and np.isfinite(path).all() and in_motion(path):
             yield from (cls(joint=j.name, speed="clock") for j in scene.moving)
         for j in scene.moving:
             if scene.both_ways(j) and scene.varies("feed"):
