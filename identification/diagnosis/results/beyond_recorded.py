@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from identification.uncertainty.measured_range import FULL_TURN_DEG
 
 TWO_VALUES = ("dir_", "run(")  # channels that have no value beyond those recorded
 PLACES, FINE = 16, 256  # rows whose other channels are kept, and steps along one, for its slopes
+SAME = 1e-3  # standard deviations: what moves less stands still
 Place = tuple[str, Motion]  # element and motion
 
 
@@ -74,17 +75,18 @@ def _known(effect: Effect, number: int, fit: Fit) -> dict[str, object]:
         std = np.sqrt(sum(float(np.mean(np.var(c, axis=1))) for c in curves.values()))
         slope = np.sqrt(sum(float(np.mean(np.square(np.diff(c, axis=1)))) for c in curves.values()))
         if slope > 0:
-            length = (high - low) / 2 if _switches_once(effect, high - low) else std / slope * (high - low) / FINE
+            length = (high - low) / 2 if _jumps_once(curves.values()) else std / slope * (high - low) / FINE
             within.append((name, low, high, _short(length)))
     return {"within": tuple(within), "spread": tuple((*p, _short(std)) for p, std in spread.items())} if within else {}
 
 
-def _switches_once(effect: Effect, width: float) -> bool:
-    """Whether an effect has one step within a range: a state that changes once in it is forgotten in half of it.
+def _jumps_once(curves: Iterable[Array]) -> bool:
+    """Whether motions (rows, steps) along a channel are one jump: a state that changes once in what was recorded.
 
-    (The covariance of a telegraph signal is ``exp(-2 rate |t|)``.)
+    It is forgotten in half of that: the covariance of a telegraph signal is ``exp(-2 rate |t|)``.
     """
-    return getattr(effect, "edge", None) is not None and (getattr(effect, "period", None) or 0.0) > 2 * width
+    moved = np.any([np.abs(np.diff(c, axis=1)).max(axis=0) > SAME for c in curves], axis=0)
+    return int(np.count_nonzero(moved)) == 1
 
 
 def _short(value: float) -> float:
