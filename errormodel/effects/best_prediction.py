@@ -6,6 +6,9 @@ with it, the best linear prediction at r beyond the last place that was seen is 
 exp(-r)`` by the value (less the mean) and the slope (rise in a correlation length) there, and its variance ``variance
 (1 - (1 + 2 r + 2 r^2) exp(-2 r))`` (C. E. Rasmussen and C. K. I. Williams, Gaussian Processes for Machine Learning,
 2006, sections 2.2, 4.2.1 and B.2). The root mean square of its slope is one standard deviation in a correlation length.
+
+What goes on in time only wanders or switches: its covariance is ``variance exp(-r)`` (Ornstein-Uhlenbeck, telegraph
+signal), the best prediction ``mean + value exp(-r)`` with the variance ``variance (1 - exp(-2 r))``.
 """
 
 from __future__ import annotations
@@ -52,7 +55,7 @@ def predicted_terms(effect: Effect, channel: Channels, machine: Machine) -> list
     def at(places: Mapping[str, Value]) -> list[EffectTerm]:
         return effect.terms(lambda name: places[name] if name in places else channel(name), machine)
 
-    here = at(edge)
+    here, in_time = at(edge), edge.keys() <= {"time", "row"}
     before = at({name: place - STEP * beyond[name] / (r + NOWHERE) for name, place in edge.items()})
     shares = [(k + 0.5) / NODES for k in range(NODES)]
     nodes = [at({name: low + share * (high - low) for name, low, high, _ in effect.within}) for share in shares]
@@ -62,9 +65,11 @@ def predicted_terms(effect: Effect, channel: Channels, machine: Machine) -> list
         for motion, value in term.motion.items():
             mean = sum(node[k].motion[motion] for node in nodes) / NODES
             slope = (value - before[k].motion[motion]) / STEP
-            motions[motion] = mean + ((1 + r) * (value - mean) + r * slope) * exp(-r)
+            further = 0.0 if in_time else r * (value - mean + slope)
+            motions[motion] = mean + (value - mean + further) * exp(-r)
         out.append(replace(term, motion=motions))
-    unknown = sqrt(1 - (1 + 2 * r + 2 * r * r) * exp(-2 * r) + EDGE**2) - EDGE
+    known = 1.0 if in_time else 1 + 2 * r + 2 * r * r
+    unknown = sqrt(1 - known * exp(-2 * r) + EDGE**2) - EDGE
     for element, motion, std in effect.spread:
         out.append(EffectTerm(element, BEYOND, unit_of(motion), {motion: unknown}, std, tied=True))
     return out

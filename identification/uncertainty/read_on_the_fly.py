@@ -10,12 +10,21 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.path_speed import RATE_CHANNEL, in_motion
+from errormodel.row_order import measured_order
 from identification.uncertainty.other_assumption import Predict, half_change
 
 if TYPE_CHECKING:
     import pandas as pd
 
-DOUBT = ", though their path does not run on through them, and half of what that changes is in the uncertainty"
+AT_REST = (
+    "the times of these rows would be those of a machine that moves ({said}), but their path does not run on: they are "
+    "taken as poses at rest, and half of what that changes is in the uncertainty. Give poses at rest one and the same "
+    "time, and those of a path all of its rows"
+)
+ON_THE_FLY = (
+    "by their times these rows are taken as read on the fly ({said}): an effect of this machine follows their speed. "
+    "If they are poses at rest, give every row one and the same time"
+)
 
 
 def on_the_fly(chain: Chain, table: pd.DataFrame) -> Iterator[str]:
@@ -28,17 +37,13 @@ def on_the_fly(chain: Chain, table: pd.DataFrame) -> Iterator[str]:
         rate = f"{np.degrees(fastest):.3g} deg/s" if joint in turning else f"{fastest:.3g} mm/s"
         said += [f"{joint} up to {rate}"] if fastest > 0 else []
     if said:
-        doubt = "" if _in_motion(chain, table) else DOUBT
-        yield (
-            f"by their times these rows are taken as read on the fly ({', '.join(said)}){doubt}: an effect of this "
-            "machine follows their speed. If they are poses at rest, give every row one and the same time"
-        )
+        yield (ON_THE_FLY if _in_motion(chain, table) else AT_REST).format(said=", ".join(said))
 
 
 def perhaps_at_rest(
     chain: Chain, table: pd.DataFrame, channels: list[Array], labels: Array, predicted: Array, predict: Predict
 ) -> Array:
-    """Predictions (n, 9) with half of what their speed changes in the uncertainty, where rows may be poses at rest.
+    """Predictions (n, 9), as of poses at rest where the path of the rows does not run on; half of that is uncertain.
 
     Parameters
     ----------
@@ -51,7 +56,7 @@ def perhaps_at_rest(
     if not at_rest or _in_motion(chain, table):
         return predicted
     half = half_change(channels, labels, predicted, predict, np.arange(len(table)), at_rest)
-    return np.hstack([predicted[:, :6], np.hypot(predicted[:, 6:], half[:, :3])])
+    return np.hstack([predicted[:, :6] + 2 * half, np.hypot(predicted[:, 6:], half[:, :3])])
 
 
 def _speeds(chain: Chain) -> list[tuple[int, str]]:
@@ -61,4 +66,5 @@ def _speeds(chain: Chain) -> list[tuple[int, str]]:
 
 
 def _in_motion(chain: Chain, table: pd.DataFrame) -> bool:
-    return in_motion([table[j.name].to_numpy(dtype=np.float64) for j in chain.machine.joints])
+    order = measured_order(table)
+    return in_motion([table[j.name].to_numpy(dtype=np.float64)[order] for j in chain.machine.joints])

@@ -37,7 +37,8 @@ def matern(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def test_beyond_the_range_it_is_the_best_linear_prediction_of_a_smooth_process() -> None:
     """By the normal equations of a process that was seen close to the end of the range, value and slope."""
-    effect = make(EffectSpec("unnamed", LINE | WITHIN))
+    smooth = {"driver": "w_level", "within": [["w_level", 0.0, 100.0, LENGTH]], "spread": WITHIN["spread"]}
+    effect = make(EffectSpec("unnamed", LINE | smooth))
     later = np.array([100.0, 103.0, 130.0, 170.0, 300.0])
     line, unknown = predicted_terms(effect, lambda name: later, MACHINE)
     seen = np.array([99.999, 100.0])
@@ -51,6 +52,16 @@ def test_beyond_the_range_it_is_the_best_linear_prediction_of_a_smooth_process()
     np.testing.assert_allclose(
         predicted_terms(effect, lambda name: early, MACHINE)[0].motion["dy"], -line.motion["dy"], atol=1e-9
     )
+
+
+def test_beyond_the_last_time_it_is_that_of_a_markov_process() -> None:
+    """What wanders or switches in time has a covariance exp(-r): by the normal equations, from the last time."""
+    effect = make(EffectSpec("unnamed", LINE | WITHIN))
+    later = np.array([100.0, 103.0, 130.0, 170.0, 300.0])
+    line, unknown = predicted_terms(effect, lambda name: later, MACHINE)
+    covariance = np.exp(-(later - 100.0) / LENGTH)
+    np.testing.assert_allclose(line.motion["dy"], covariance, atol=1e-6)  # 1 at the end, and 0 in the mean
+    np.testing.assert_allclose(unknown.motion["dy"] ** 2, 1 - covariance**2, atol=3e-3)
 
 
 @pytest.mark.parametrize("form", [{"form": "cubic"}, {"period": 30.0}, {"by": "X", "by_half_range": 250.0}])

@@ -75,7 +75,7 @@ def _known(effect: Effect, number: int, fit: Fit) -> dict[str, object]:
         std = np.sqrt(sum(float(np.mean(np.var(c, axis=1))) for c in curves.values()))
         slope = np.sqrt(sum(float(np.mean(np.square(np.diff(c, axis=1)))) for c in curves.values()))
         if slope > 0:
-            length = (high - low) / 2 if _jumps_once(curves.values()) else std / slope * (high - low) / FINE
+            length = (high - low) / 3 if _jumps_once(curves.values()) else std / slope * (high - low) / FINE
             within.append((name, low, high, _short(length)))
     return {"within": tuple(within), "spread": tuple((*p, _short(std)) for p, std in spread.items())} if within else {}
 
@@ -83,7 +83,8 @@ def _known(effect: Effect, number: int, fit: Fit) -> dict[str, object]:
 def _jumps_once(curves: Iterable[Array]) -> bool:
     """Whether motions (rows, steps) along a channel are one jump: a state that changes once in what was recorded.
 
-    It is forgotten in half of that: the covariance of a telegraph signal is ``exp(-2 rate |t|)``.
+    The covariance of a telegraph signal is ``exp(-2 rate |t|)``; of one event the rate is 1.5 a recording (Jeffreys'
+    prior), so that such a state is forgotten in a third of what was recorded.
     """
     moved = np.any([np.abs(np.diff(c, axis=1)).max(axis=0) > SAME for c in curves], axis=0)
     return int(np.count_nonzero(moved)) == 1

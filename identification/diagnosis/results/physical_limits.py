@@ -62,8 +62,8 @@ def nameless(finding: Finding, reason: str) -> Finding:
         finding,
         effect=Unnamed.effect,
         statement=(
-            f"An effect without a name at {finding.where}. It follows the form of a {form}, but is none: {reason}. "
-            f"As that form it reads: {finding.statement}"
+            f"An effect without a name at {finding.where}. It follows the form of a {form}, but cannot be called one: "
+            f"{reason}. As that form it reads: {finding.statement}"
         ),
         brief=f"an effect without a name at {finding.where} (in the form of a {form})",
         positive="",

@@ -86,7 +86,7 @@ class Dependence:
         """What to measure: time cannot be set."""
         if not self.channels:
             return "Return to one position again and again from elsewhere, and look whether it repeats"
-        if self.channels == (CLOCK,):
+        if self.channels in ((CLOCK,), (ROW,)):
             return f"Measure {FIXED_TARGETS}"
         if any(c.rpartition("(")[0] in PATH for c in self.channels):
             return "Measure the same positions again, coming to each from several others"
@@ -98,6 +98,7 @@ class Dependence:
         return asdict(self) | {"channels": [*self.channels]}
 
 
+ROW = "row"
 FIXED_TARGETS = "fixed targets again and again between the positions"
 PATH = {
     "before(before": "where {} had been two rows before",
@@ -115,6 +116,8 @@ def _words(channel: str) -> str:
     kind, _, joint = channel.rpartition("(")
     if kind in PATH:
         return PATH[kind].format(joint.rstrip(")"))
+    if channel == ROW:
+        return "the order of the rows"
     return f"the direction of {channel[4:]}" if channel.startswith("dir_") else channel
 
 
@@ -175,7 +178,9 @@ def dependence_of(
     if wave is not None:
         periods, units = zip(*wave.in_files(linear.scene.moving), strict=True)
         return Dependence(wave.joints, wave.p_value, axis, size, periods=periods, units=units)
-    return Dependence(part.channels, p_value, axis, size, part.element, part.motion)
+    rows = CLOCK not in linear.scene.columns  # their order stands for the clock
+    channels = tuple(ROW if rows and c == CLOCK else c for c in part.channels)
+    return Dependence(channels, p_value, axis, size, part.element, part.motion)
 
 
 def _varying(linear: LinearModel, sigma_um: float, log: DecisionLog, left: bool) -> Dependence | None:
