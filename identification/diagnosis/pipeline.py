@@ -10,6 +10,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Mask
 from errormodel.effects.base import Effect
+from errormodel.effects.unnamed import Unnamed
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
@@ -53,8 +54,9 @@ from identification.diagnosis.results.findings import (
 )
 from identification.diagnosis.results.nameless_alternative import checked_alternative
 from identification.diagnosis.results.physical_limits import checked_name
-from identification.diagnosis.results.recorded_functions import recorded
+from identification.diagnosis.results.recorded_functions import alike_motions, recorded
 from identification.diagnosis.results.statements import (
+    alike_of,
     brief_of,
     named,
     next_measurement,
@@ -286,7 +288,7 @@ def _finding(
         time=[float(at)] if at is not None else None,
         period=period_of(main, machine),
         periods=periods_of(main, machine),
-        statement=" ".join((statement, *(f"{t}." for t in results))),
+        statement=" ".join((statement, *(f"{t}." for t in results), *_alike(main, model.start, machine))),
         parameters=whole.amounts,
         probability=probability,
         p_value=p_value_of(step),
@@ -300,6 +302,14 @@ def _finding(
         positive=main.positive(machine),
     )
     return checked_name(finding, whole, final, log)
+
+
+def _alike(main: Effect, linear: LinearModel, machine: Machine) -> list[str]:
+    """Of what has no name, other motions that would be the same to the tip, in words."""
+    if not isinstance(main, Unnamed) or main.element not in linear.levers:
+        return []
+    text = alike_of(alike_motions(linear, main.element, main.motion), machine)
+    return [text] if text else []
 
 
 def _of_one_cause(group: Sequence[Step]) -> list[Effect]:

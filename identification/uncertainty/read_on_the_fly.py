@@ -36,6 +36,8 @@ def on_the_fly(chain: Chain, table: pd.DataFrame) -> Iterator[str]:
         fastest = float(np.abs(channels[number]).max())
         rate = f"{np.degrees(fastest):.3g} deg/s" if joint in turning else f"{fastest:.3g} mm/s"
         said += [f"{joint} up to {rate}"] if fastest > 0 else []
+    if len(table) == 1 and channels:
+        yield "a single row has no speed: it is taken as a pose at rest. Give those of a path all of its rows"
     if said:
         yield (ON_THE_FLY if _in_motion(chain, table) else AT_REST).format(said=", ".join(said))
 

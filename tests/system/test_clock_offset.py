@@ -71,6 +71,8 @@ def test_later_poses_say_whether_they_were_taken_to_move(path: tuple[Machine, Su
     assert not [n for n in notes(stored, still) if "on the fly" in n]
     assert [n for n in notes(stored, timed) if "taken as poses at rest" in n and "mm/s" in n]
     assert [n for n in notes(stored, survey) if "taken as read on the fly" in n]
+    alone = replace(timed, table=timed.table[:1])
+    assert [n for n in notes(stored, alone) if "a single row has no speed" in n]
     for axis in "xyz":
         np.testing.assert_allclose(moved[f"m{axis}"], at_rest[f"m{axis}"], atol=1e-9)
         assert moved[f"u{axis}"].max() > 0.01

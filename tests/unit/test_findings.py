@@ -33,7 +33,14 @@ from identification.diagnosis.results.findings import (
     probability_of,
 )
 from identification.diagnosis.results.headline import headline
-from identification.diagnosis.results.statements import brief_of, causes, next_measurement, period_of, statement_of
+from identification.diagnosis.results.statements import (
+    alike_of,
+    brief_of,
+    causes,
+    next_measurement,
+    period_of,
+    statement_of,
+)
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import fit_machine
 from identification.results.text import comparison
@@ -362,3 +369,11 @@ def test_the_sign_of_growth_is_said(effect: Effect, tool: float, words: str, sig
     late = {"time": 1e6, "T_spindle": 21.0}
     (term,) = effect.terms(late.__getitem__, machine)
     assert np.sign(float(term.motion["dz"])) == sign
+
+
+def test_motions_that_are_one_at_the_tip_are_said() -> None:
+    places = [("Y", "dy"), ("Z", "dy"), ("Z", "ec")]
+    machine = read_machine("vertical_three_axis")
+    assert alike_of([], machine) == ""
+    assert alike_of(places[:1], machine).startswith("At the tip dy of Y (EYY) would be the same: ")
+    assert "dy of Y (EYY), dy of Z (EYZ) or ec of Z (ECZ) would be" in alike_of(places, machine)

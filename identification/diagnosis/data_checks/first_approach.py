@@ -65,12 +65,12 @@ def likelier_sides(
         left = [beside.with_columns(c).square for c in (follows, other)]
         gain = beside.freedom / 2 * float(np.log(left[0] / left[1])) - float(np.log(len(tried)))
         found = gain > CLEAR
-        log.add("first-approach", "found" if found else "passed", f"column {channel}", gain, CLEAR)
+        where = f"rows {listed(table['row'].to_numpy()[rows].tolist())}"
+        log.add("first-approach", "found" if found else "passed", f"column {channel}", gain, CLEAR, beside=where)
         if found:
             side = columns.get(channel, direction(table, name))
             columns[channel] = np.where(rows, -side, side)
             signs = sorted({f"{value:+.0f}" for value in columns[channel][rows]}, reverse=True)
-            where = f"rows {listed(table['row'].to_numpy()[rows].tolist())}"
             texts.append(text.format(rows=where, joint=name, channel=channel, sign=" or ".join(signs)))
     if not columns:
         return None

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from errormodel.arrays import Array, Index, Mask
-from errormodel.conventions import MOTIONS
+from errormodel.conventions import MOTIONS, Motion
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
 
@@ -244,6 +244,18 @@ def _cosines(values: Array, count: int, corner: float | None) -> Array:
     less = np.sqrt(orders) if corner is None else np.hypot(1.0, orders / corner)
     out = np.cos(np.pi * np.outer(rank, orders)) / less
     return np.asarray(out - out.mean(axis=0))
+
+
+def alike_motions(linear: LinearModel, element: str, motion: str) -> list[tuple[str, Motion]]:
+    """Motions of other moved joints that do the same to the rows as a motion of an element."""
+    own = linear.levers[element][MOTIONS.index(motion)]
+    out = list[tuple[str, Motion]]()
+    for joint in linear.scene.moving:
+        for other, lever in zip(MOTIONS, linear.levers.get(joint.name, ()), strict=False):
+            sizes = float(own @ own) * float(lever @ lever)
+            if joint.name != element and float(own @ lever) ** 2 >= ALIKE * sizes > 0:
+                out.append((joint.name, other))
+    return out
 
 
 def _levers(linear: LinearModel) -> Iterator[tuple[str, str, Array]]:

@@ -69,6 +69,13 @@ def brief_of(whole: Whole, machine: Machine) -> str:
     return f"{name} by {size} {unit.replace('µ', 'u')} ({motion_name(place, machine)})"
 
 
+def alike_of(places: Sequence[tuple[str, Motion]], machine: Machine) -> str:
+    """That other motions do the same to the tip, as a sentence; empty where there are none."""
+    *others, last = ["", *(spoken(place, machine) for place in places)]
+    said = " or ".join(part for part in (", ".join(others[1:]), last) if part)
+    return f"At the tip {said} would be the same: these data do not tell them apart." if said else ""
+
+
 def named(explanation: str, probability: float | None) -> str:
     """Another explanation with its probability, if one is known."""
     return explanation if probability is None else f"{explanation} (probability {probability:.2f})"
