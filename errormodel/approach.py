@@ -9,11 +9,14 @@ import numpy as np
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.line_starts import line_starts
+from errormodel.read_again import read_again
 from errormodel.row_order import label_numbers, measured_order
+from errormodel.surveys.columns import TOOL_COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd
 
+TOLD = 0.5  # correlation of a column with the readings in question, from which on it tells them apart; by judgement
 JUMP_STEPS = 2.5  # times the median step between targets: a longer step back begins a new sequence; by judgement
 
 
@@ -51,10 +54,7 @@ def assumed_sides(table: pd.DataFrame, joint: str) -> Index:
     the joint never moves.
     """
     known, run = _known_by_moves(table, joint), label_numbers(table, ["file", "run"])
-    result = np.where(~known & np.isin(run, run[known]), run + 1, 0)
-    if f"dir_{joint}" in table:
-        result[np.isfinite(table[f"dir_{joint}"].to_numpy(dtype=np.float64))] = 0
-    return result
+    return np.where(~known & np.isin(run, run[known]) & unstated(table, joint), run + 1, 0)
 
 
 def starts_of_lines(table: pd.DataFrame, joint: str, joints: Sequence[str]) -> Mask:
@@ -66,17 +66,41 @@ def starts_of_lines(table: pd.DataFrame, joint: str, joints: Sequence[str]) -> M
     places = table[[*joints]].to_numpy(dtype=np.float64)[order]
     along = line_starts(places, label_numbers(table, ["file", "run"])[order])[:, joints.index(joint)]
     result[order] = along * direction(table, joint)[order] < 0
-    if f"dir_{joint}" in table:
-        result &= np.isnan(table[f"dir_{joint}"].to_numpy(dtype=np.float64))
+    return result & unstated(table, joint)
+
+
+def from_other_side(table: pd.DataFrame, joint: str, joints: Sequence[str], recorded: Sequence[str]) -> list[Mask]:
+    """Rows (n,) that may be readings of a target from the other side; see `read_again`.
+
+    Parameters
+    ----------
+    joints : all of the machine.
+    recorded : other columns; readings that one of these tells apart are not told apart by the side.
+    """
+    order, tool = measured_order(table), [name for name in TOOL_COLUMNS if name in table]
+    position, tools = (table[[*names]].to_numpy(dtype=np.float64)[order] for names in (joints, tool))
+    series = label_numbers(table, ["file", "run"])[order]
+    others = [v - v.mean() for v in (table[name].to_numpy(dtype=np.float64)[order] for name in recorded) if np.ptp(v)]
+    result = []
+    for again, even in read_again(position, tools, joints.index(joint), series):
+        turned = np.where(again, 1.0, -1.0)[even]
+        if not any(abs(np.corrcoef(v[even], turned)[0, 1]) > TOLD for v in others if np.ptp(v[even])):
+            rows = np.zeros(len(table), dtype=np.bool_)
+            rows[order] = again
+            result.append(rows & unstated(table, joint))
     return result
 
 
 def unknown_sides(table: pd.DataFrame, joint: str) -> Mask:
     """Rows (n,) whose direction of approach neither a column nor a move of the joint in their run states."""
-    unknown = ~_known_by_moves(table, joint)
-    if f"dir_{joint}" in table:
-        unknown &= np.isnan(table[f"dir_{joint}"].to_numpy(dtype=np.float64))
-    return unknown
+    return ~_known_by_moves(table, joint) & unstated(table, joint)
+
+
+def unstated(table: pd.DataFrame, joint: str) -> Mask:
+    """Rows (n,) whose direction of approach no column ``dir_<joint>`` states."""
+    if f"dir_{joint}" not in table:
+        return np.ones(len(table), dtype=np.bool_)
+    return np.asarray(np.isnan(table[f"dir_{joint}"].to_numpy(dtype=np.float64)))
 
 
 def passes(position: Array, run: Index) -> Array:

@@ -83,3 +83,33 @@ def test_ends_of_lines_are_overrun_where_the_readings_show_it(overrun: bool) -> 
     (amount,) = diagnosed.diagnosis.findings[0].parameters
     assert amount.value == pytest.approx(PLAY_MM / 2, abs=4 * amount.std)
     assert len([n for n in diagnosed.diagnosis.notes if "where a line begins" in n]) == overrun
+
+
+def pilgrim(stated: bool, load: bool = False) -> Survey:
+    """Lines of X and of Y, each target read twice: from both sides, of which X has play; or with a load and without."""
+    across = [(-200.0, 150.0), (200.0, 150.0), (0.0, 350.0)]
+    lines = [
+        np.insert(np.tile(a, (13, 1)), axis, np.linspace(-240, 240, 13), axis=1) for a in across for axis in (0, 1)
+    ]
+    points = pd.DataFrame(np.vstack(lines).repeat(2, axis=0), columns=["X", "Y", "Z"])
+    points = points.assign(tool_x=0.0, tool_y=0.0, tool_z=0.0)
+    first, of_x = np.arange(len(points)) % 2 == 0, np.repeat([0, 1] * 3, 26) == 0
+    points["dir_X"] = np.where(first & of_x, 1.0, -1.0)  # X comes to the lines of Y from its end
+    survey = survey_of(known(MILL, made("backlash", joint="X")), points, {"X.dx.backlash": PLAY_MM / 2})
+    table = survey.table if stated else survey.table.drop(columns="dir_X")
+    return replace(survey, table=table.assign(load=np.where(first, 0.0, 50.0)) if load else table)
+
+
+def test_readings_from_the_other_side_are_found_as_if_stated() -> None:
+    """With the sides of the rows' order the play was read as a cyclic error of the screw."""
+    found, stated = (diagnose(MILL, pilgrim(known)).diagnosis for known in (False, True))
+    (own,), (true,) = found.findings, stated.findings
+    assert (own.effect, own.where) == (true.effect, "X")
+    assert own.parameters[0].value == pytest.approx(true.parameters[0].value, rel=1e-6)
+    (said,) = [n for n in found.notes if "from the other side" in n]
+    assert "rows 2, 4, 6, 8" in said
+
+
+def test_readings_that_a_column_tells_apart_are_not_from_the_other_side() -> None:
+    diagnosed = diagnose(MILL, pilgrim(stated=False, load=True))
+    assert not [n for n in diagnosed.diagnosis.notes if "from the other side" in n]

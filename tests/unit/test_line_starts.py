@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from errormodel.approach import starts_of_lines
 from errormodel.line_starts import line_starts
+from errormodel.read_again import read_again
 
 
 def starts(*lines: list[tuple[float, float]], series: list[int] | None = None) -> dict[int, list[float]]:
@@ -65,3 +66,16 @@ def test_only_sides_that_nothing_states(stated: bool) -> None:
     if stated:
         table["dir_X"] = [1.0] * 4 + [-1.0] * 4
     assert np.flatnonzero(starts_of_lines(table, "X", ["X", "Y"])).tolist() == ([] if stated else [4])
+
+
+def test_readings_from_the_other_side_are_the_later_halves_or_every_second_one() -> None:
+    along = np.array([0.0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2])
+    path, run, tool = np.column_stack([along, np.zeros(12)]), np.zeros(12, int), np.zeros((12, 3))
+    (halves, whole), (seconds, _) = read_again(path, tool, 0, run)
+    assert halves.tolist() == [False, False, True, True] * 3
+    assert seconds.tolist() == [False, True] * 6
+    assert whole.all()
+    assert not read_again(path, tool, 1, run)  # it stands
+    # another tool makes another target; three readings have no halves
+    assert not read_again(path, np.column_stack([np.arange(12) % 2]), 0, run)
+    assert not read_again(path[[0, 1, 2, 4, 5, 6, 8, 9, 10]], tool[:9], 0, run[:9])

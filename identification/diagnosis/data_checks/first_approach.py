@@ -1,27 +1,32 @@
-"""The side from which a joint came where neither a column nor a move states it: first positions, and starts of lines.
+"""The side from which a joint came where nothing states it: first positions, starts of lines, pilgrim steps.
 
 `direction` assumes the sign of the first move, and elsewhere that of the move from the row before. Where a joint has
-play, half of the first are wrong, and of lines whose ends are overrun the first positions; what is left of them looks
-like another effect. Of both signs the likelier one is taken: the residuals are fitted with motions of the
-joint that follow its direction of approach, with one sign and with the other.
+play, half of the first are wrong, of lines whose ends are overrun the first positions, and in a pilgrim step half of
+the readings; what is left of them looks like another effect. Of both signs the likelier one is taken: the residuals are
+fitted with motions of the joint that follow its direction of approach, with one sign and with the other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.approach import assumed_sides, direction, starts_of_lines
-from errormodel.arrays import Array
+from errormodel.approach import assumed_sides, direction, from_other_side, starts_of_lines
+from errormodel.arrays import Array, Mask
 from errormodel.effects.base import Effect
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.blunder import listed
-from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.linear_model import LinearModel
 
-CLEAR = 4.6  # log likelihood ratio, beyond the logarithm of how many were tried: odds of 100 to 1
+if TYPE_CHECKING:
+    import pandas as pd
+
+CLEAR = 4.6  # log evidence ratio, beyond the logarithm of how many were tried: odds of 100 to 1
 
 FIRST = (
     "{rows}: before its first move there, {joint} is taken to have come with {channel} = {sign}, which nothing states, "
@@ -31,6 +36,20 @@ START = (
     "{rows}: where a line begins, {joint} is taken to come along it ({channel} = {sign}, after an overrun of the line "
     "before as in ISO 230-2), which nothing states, but the readings show. Write {channel} if it is known"
 )
+AGAIN = (
+    "{rows}: of the readings that follow one another at a place, these are taken to be from the other side "
+    "({channel} = {sign}, as in a pilgrim step of ISO 230-2), which nothing states, but the readings show. Write "
+    "{channel} if it is known"
+)
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """A joint, rows (n,) in which its direction of approach is the other one, and what is said if so."""
+
+    joint: str
+    turned: Mask
+    text: str
 
 
 def likelier_sides(
@@ -43,35 +62,57 @@ def likelier_sides(
     linear : of the survey's rows to fit, without the `effects`.
     effects : what was found; what follows a joint's direction is fitted anew with each sign.
     """
-    table = survey.table
+    table, moving = survey.table, linear.scene.moving
     fitted = np.flatnonzero((table["role"] == "fit").to_numpy())
-    names = [j.name for j in linear.scene.moving if linear.scene.both_ways(j)]
-    series = [(name, assumed_sides(table, name)) for name in names]
-    tried = [(name, own == k, FIRST) for name, own in series for k in np.unique(own[fitted]) if k]
-    joints = [j.name for j in linear.scene.machine.joints]
-    tried += [(name, starts_of_lines(table, name, joints), START) for name in names]
-    columns, texts = dict[str, Array](), list[str]()
-    for name, rows, text in tried:
-        channel, turned = f"dir_{name}", rows[fitted][linear.index]
-        if not turned.any():
-            continue
-        beside = linear
-        for effect in effects:
-            beside = beside if channel in effect.drivers else beside.with_effect(effect)
-        follows = np.zeros((6, beside.size))
-        follows[:, : len(linear.index)] = linear.levers[name] * linear.channel(channel)
-        other = follows.copy()
-        other[:, : len(linear.index)] *= np.where(turned, -1.0, 1.0)
-        left = [beside.with_columns(c).square for c in (follows, other)]
-        gain = beside.freedom / 2 * float(np.log(left[0] / left[1])) - float(np.log(len(tried)))
-        found = gain > CLEAR
-        where = f"rows {listed(table['row'].to_numpy()[rows].tolist())}"
-        log.add("first-approach", "found" if found else "passed", f"column {channel}", gain, CLEAR, beside=where)
-        if found:
-            side = columns.get(channel, direction(table, name))
-            columns[channel] = np.where(rows, -side, side)
-            signs = sorted({f"{value:+.0f}" for value in columns[channel][rows]}, reverse=True)
-            texts.append(text.format(rows=where, joint=name, channel=channel, sign=" or ".join(signs)))
-    if not columns:
+    sides = {j.name: direction(table, j.name) for j in moving}
+    tried = [t for t in _assumptions(table, linear.scene) if t.turned[fitted][linear.index].any()]
+    beside = linear
+    for effect in effects:
+        beside = beside if {f"dir_{name}" for name in sides} & set(effect.drivers) else beside.with_effect(effect)
+    texts, many = dict[str, list[str]](), float(np.log(max(len(tried), 1)))
+    while tried:
+        now = _evidence(beside, {name: side[fitted] for name, side in sides.items()})
+        turned = [{**sides, t.joint: np.where(t.turned, -sides[t.joint], sides[t.joint])} for t in tried]
+        gains = [_evidence(beside, {n: s[fitted] for n, s in other.items()}) - now - many for other in turned]
+        best = int(np.argmax(gains))
+        found = gains[best] > CLEAR
+        for k in [best] if found else range(len(tried)):
+            where, channel = (
+                f"rows {listed(table['row'].to_numpy()[tried[k].turned].tolist())}",
+                f"dir_{tried[k].joint}",
+            )
+            word: Outcome = "found" if found else "passed"
+            log.add("first-approach", word, f"column {channel}", gains[k], CLEAR, beside=where)
+        if not found:
+            break
+        sides, taken = turned[best], tried.pop(best)
+        signs = sorted({f"{value:+.0f}" for value in sides[taken.joint][taken.turned]}, reverse=True)
+        said = taken.text.format(rows=where, joint=taken.joint, channel=channel, sign=" or ".join(signs))
+        texts.setdefault(taken.joint, []).append(said)
+    if not texts:
         return None
-    return replace(survey, table=table.assign(**columns), notes=(*survey.notes, *texts))
+    known = table.assign(**{f"dir_{name}": sides[name] for name in texts})
+    return replace(survey, table=known, notes=(*survey.notes, *(t for said in texts.values() for t in said)))
+
+
+def _assumptions(table: pd.DataFrame, scene: Scene) -> Iterator[Assumption]:
+    """Directions of approach that the columns and the order of the rows do not show."""
+    joints = [j.name for j in scene.machine.joints]
+    recorded = [c for c in scene.columns if c in table and c not in joints and not c.startswith("dir_")]
+    for joint in scene.moving:
+        name = joint.name
+        if scene.both_ways(joint):
+            first = assumed_sides(table, name)
+            yield from (Assumption(name, first == k, FIRST) for k in np.unique(first) if k)
+            yield Assumption(name, starts_of_lines(table, name, joints), START)
+        yield from (Assumption(name, rows, AGAIN) for rows in from_other_side(table, name, joints, recorded))
+
+
+def _evidence(beside: LinearModel, sides: Mapping[str, Array]) -> float:
+    """Log likelihood with motions that follow the `sides` of the joints, less Schwarz's penalty of their parameters."""
+    follows = np.zeros((6 * len(sides), beside.size))
+    for k, (joint, side) in enumerate(sides.items()):
+        follows[6 * k : 6 * k + 6, : len(beside.index)] = beside.levers[joint] * side[beside.index]
+    fitted = beside.with_columns(follows)
+    penalty = int(fitted.basis.shape[1]) / 2 * float(np.log(len(beside.index)))
+    return -beside.freedom / 2 * float(np.log(fitted.square)) - penalty
