@@ -5,10 +5,10 @@
 - ``lag(T_bed,600)``: the column after a first-order lag of 600 s.
 - ``play(X,0.01)``: X after a play of 0.01 (mm or rad), in the order of the rows.
 - ``run(3)``: 1 in the rows of run 3, else 0.
-- ``row``: number of the row in the fitted file, from 1; what comes after it (test files, predictions) has `LAST_ROW`.
+- ``row``: number of the row in the fitted file, from 1; rows of test files and of predictions come after it.
 - ``speed(X|X,Y,Z|A,C)``: speed of X (mm/s or rad/s, with its sign) as its share of the ``feed`` along the path of the
   linear joints X, Y, Z or, where these stand, of the rotary A, C (`errormodel.path_speed`).
-- ``rate(X)``: speed of X (mm/s or rad/s) by the times of the rows: central differences.
+- ``rate(X)``: speed of X (mm/s or rad/s) by the times of the rows: derivative of a spline.
 - ``resumed(3600,900)``: time from which the machine worked on after a recording's end at 3600 s, with no steps longer
   than 900 s but rests (`errormodel.machine_rests`).
 - ``point_x``: not a column but the nominal position of the chain, mm.
@@ -44,7 +44,8 @@ CLOCK_MISFIT_KELVIN = 0.1
 UNITS_OF_CHANNELS = {"time": "s", "feed": "mm/min", "load": "kg"}
 OWN_COLUMNS = ("file", "role", "row")  # of a survey's table, which no file has
 _GAPLESS = ("T_", "w_", "time", "feed", "load")
-LAST_ROW = 1e9  # number of a row after all that were recorded
+CLOCKS = "time", "row"  # of a survey: times or, where these were not recorded, the order of its rows
+LAST_ROW = 1e9  # number of a row after all that were recorded, where nothing says how many these were
 # nominal position of the functional point in the reference's axes, mm
 POINT_CHANNELS = ("point_x", "point_y", "point_z")
 
@@ -70,7 +71,10 @@ def channel(table: pd.DataFrame, name: str) -> Array:
         return direction(table, name[4:])
     if name == "row":
         rows = table["row"].to_numpy(dtype=np.float64) if "row" in table else np.arange(1.0, len(table) + 1)
-        return np.where(table["role"] == "test", LAST_ROW, rows) if "role" in table else rows
+        if "role" not in table:
+            return rows
+        test = (table["role"] == "test").to_numpy()
+        return np.where(test, float(rows[~test].max(initial=0.0)) + np.cumsum(test), rows)
     if name.startswith("run("):
         return np.asarray(table["run"].astype(str) == name[4:-1], dtype=np.float64)
     if name not in table:

@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from errormodel.channels import CLOCKS
 from errormodel.conventions import unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.ops import Value, exp, fmax, fmin, sqrt
@@ -55,7 +56,7 @@ def predicted_terms(effect: Effect, channel: Channels, machine: Machine) -> list
     def at(places: Mapping[str, Value]) -> list[EffectTerm]:
         return effect.terms(lambda name: places[name] if name in places else channel(name), machine)
 
-    here, in_time = at(edge), edge.keys() <= {"time", "row"}
+    here, in_time = at(edge), edge.keys() <= {*CLOCKS}
     before = at({name: place - STEP * beyond[name] / (r + NOWHERE) for name, place in edge.items()})
     shares = [(k + 0.5) / NODES for k in range(NODES)]
     nodes = [at({name: low + share * (high - low) for name, low, high, _ in effect.within}) for share in shares]

@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from errormodel.channels import CLOCKS
 from errormodel.conventions import ROTATIONS, Motion, unit_of
 from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm, ShapeParameter
 from errormodel.effects.ops import Value, sin, sqrt
@@ -117,7 +118,7 @@ class Unnamed(Effect):
             curve = splines((u + 1) / 2, self.pieces) if turn is None else closed_splines(turn, max(self.pieces, 5))
             return {str(k): s for k, s in enumerate(curve)}
         if period is not None and edge is not None:
-            return {"step": switch(x, period, edge, SUDDEN if name == "time" else EDGE_SHARPNESS)}
+            return {"step": switch(x, period, edge, SUDDEN if name in CLOCKS else EDGE_SHARPNESS)}
         if period is not None:
             return waves(x, 2 * math.pi / period)
         return {str(n): legendre(n, u) if n else 0 * u + 1 for n in FORM_DEGREES[form]}

@@ -18,7 +18,7 @@ from identification.diagnosis.jumps import jump_of
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.row_residuals import noise_mm, spread
 from identification.diagnosis.results.nameless_evidence import best_of
-from identification.diagnosis.results.recorded_functions import CLOCK, wandering
+from identification.diagnosis.results.recorded_functions import wandering
 from identification.diagnosis.results.residual_dependence import Dependence, dependence_of
 from identification.diagnosis.search.forward_selection import add_best
 from identification.diagnosis.search.scoring import Step
@@ -44,7 +44,7 @@ def with_courses(
             components = 3 if found.final.fitted.n else 1
             left = dependence_of(found.model.linear, 1e3 * noise_mm(found.before), log, components, found.wave)
         linear = found.model.linear
-        if left is None or CLOCK not in left.channels or not linear.scene.varies(CLOCK) or number == MOST_COURSES:
+        if left is None or linear.scene.clock not in left.channels or number == MOST_COURSES:
             break
         _, _, most = best_of(linear, wandering(linear, np.unique(linear.index)))
         if most is None:
@@ -65,13 +65,14 @@ def with_courses(
 
 
 def _course(linear: LinearModel, element: str, motion: str) -> Step | None:
-    """The course of a motion in time as a step: a smooth curve, or one jump where that has more evidence."""
-    time = linear.channel(CLOCK)
+    """The course of a motion in time, or with the rows, as a step: a smooth curve, or one jump of more evidence."""
+    clock = linear.scene.clock
+    time = linear.channel(clock)
     low, high, rows = float(time.min()), float(time.max()), len(np.unique(time))
     center, half = float(f"{(low + high) / 2:.4g}"), float(f"{(high - low) / 2:.4g}")
-    form = {"element": element, "motion": motion, "driver": CLOCK, "center": center, "half_range": half}
+    form = {"element": element, "motion": motion, "driver": clock, "center": center, "half_range": half}
     curve = Unnamed.model_validate({**form, "pieces": PIECES})
-    jump = jump_of(time, element, motion, _edge(linear, time, linear.levers[element][MOTIONS.index(curve.motion)]))
+    jump = jump_of(linear, element, motion, _edge(linear, time, linear.levers[element][MOTIONS.index(curve.motion)]))
     smooth, sudden = (linear.random(linear.columns(form)[0]) for form in (curve, jump))
     places = len(linear.scene.moving) * len(MOTIONS)
     if sudden.best()[1] - np.log(rows) > smooth.best()[1]:  # it may be before any of the rows

@@ -100,15 +100,21 @@ def in_last_run(chain: Chain, runs: Sequence[str], table: pd.DataFrame, columns:
 
 
 def after_last_row(chain: Chain, columns: list[Array]) -> list[Array]:
-    """The columns of later commands: what changed from a row of the recording on, without a clock, stays so."""
-    return [np.full(len(c), LAST_ROW) if name == "row" else c for name, c in zip(chain.channels, columns, strict=True)]
+    """The columns of later commands, whose rows follow those of the recording: no clock says how much later."""
+    within = [limits for e in chain.machine.effects for limits in e.options.get("within", ())]
+    last = max((high for name, _, high, _ in within if name == "row"), default=LAST_ROW)
+    return [
+        last + np.arange(1.0, len(c) + 1) if name == "row" else c
+        for name, c in zip(chain.channels, columns, strict=True)
+    ]
 
 
 def as_in_last_run(chain: Chain, runs: Sequence[str], table: pd.DataFrame) -> Iterator[str]:
     """Notes on what is predicted as the recording ended: in runs that were not recorded, or without a clock."""
     if "row" in chain.channels:
         yield (
-            "what changed from a row of the recording on, which has no column time, is predicted as the recording ended"
+            "what changed from a row of the recording on, which has no column time, is predicted as the recording "
+            "ended, in rows that follow its last one; what has no name is forgotten as they go on"
         )
     if not runs or not (later := _not_recorded(runs, table)).any():
         return

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from errormodel.channels import CLOCKS
 from errormodel.machine import Joint, Machine, Vector
 
 Array = NDArray[np.float64]
@@ -82,6 +83,11 @@ class Scene:
     def runs(self) -> tuple[str, ...]:
         """Indicator channels ``run(<label>)`` of the runs, where there are several."""
         return tuple(n for n in self.columns if n.startswith("run(") and self.varies(n))
+
+    @cached_property
+    def clock(self) -> str:
+        """Channel of the rows' times; where none were recorded, that of their order. Empty where neither varies."""
+        return next((name for name in CLOCKS if self.varies(name)), "")
 
     @cached_property
     def duration(self) -> float:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from errormodel.arrays import Array, Index, Mask
+from errormodel.channels import CLOCKS
 from errormodel.conventions import MOTIONS, Motion
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
@@ -34,7 +35,7 @@ RELAY = 0.3  # quantiles of a joint's positions, from either end, beyond which a
 MOST_MOTIONS = 24
 TINY = 1e-300
 ALIKE = 0.99  # squared correlation of the levers of two motions, beyond which they are taken as one
-CLOCK, SET = "time", ("feed", "load")
+(CLOCK, ROW), SET = CLOCKS, ("feed", "load")
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.results.combined_waves import Wave
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.non_repeatable_motion import non_repeatable_motion
-from identification.diagnosis.results.recorded_functions import CLOCK, Functions, only, recorded
+from identification.diagnosis.results.recorded_functions import CLOCK, ROW, Functions, only, recorded
 from identification.diagnosis.results.resampling import QUICK_RESAMPLES, clipped, gumbel, left, shifted, signed, thinned
 from identification.diagnosis.search.criteria import heldout_rms
 from identification.estimation.noise import Noise, likeliest, series_edges
@@ -98,7 +98,6 @@ class Dependence:
         return asdict(self) | {"channels": [*self.channels]}
 
 
-ROW = "row"
 FIXED_TARGETS = "fixed targets again and again between the positions"
 PATH = {
     "before(before": "where {} had been two rows before",
@@ -159,12 +158,10 @@ def dependence_of(
         "dependence-of-residuals", "found" if seen else "passed", "residuals", p_value, LEAST_P_VALUE, beside=beside
     )
     if not seen:
-        wanders = _wandering(linear, parts, log)
-        varies = _varying(linear, sigma_um, log, wanders is not None) if wave is None else None
-        if varies is not None and (wanders is None or varies.p_value < wanders[0]):
-            return varies
-        if wanders is not None:
+        if (wanders := _wandering(linear, parts, log)) is not None:
             (p_value, part), seen = wanders, True
+        elif wave is None and (varies := _varying(linear, sigma_um, log)) is not None:
+            return varies
     if not seen and wave is not None:
         part = wave.functions(linear)
     elif seen:
@@ -183,9 +180,9 @@ def dependence_of(
     return Dependence(channels, p_value, axis, size, part.element, part.motion)
 
 
-def _varying(linear: LinearModel, sigma_um: float, log: DecisionLog, left: bool) -> Dependence | None:
-    """The motion that varies from row to row, on nothing that was recorded; `left`: something is in any case."""
-    if (found := non_repeatable_motion(linear, log, left)) is None:
+def _varying(linear: LinearModel, sigma_um: float, log: DecisionLog) -> Dependence | None:
+    """The motion that varies from row to row, on nothing that was recorded."""
+    if (found := non_repeatable_motion(linear, log)) is None:
         return None
     size = sigma_um * float(np.sqrt(found.variance))
     axis = _main_axis(linear, found.element, found.motion)

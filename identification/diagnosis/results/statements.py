@@ -14,7 +14,7 @@ from errormodel.machine import Joint, Machine
 from errormodel.path_speed import joint_of_speed
 from identification.diagnosis.data_checks.blunder import length
 from identification.diagnosis.results.effect_size import Whole, constant
-from identification.diagnosis.results.recorded_functions import CLOCK
+from identification.diagnosis.results.recorded_functions import CLOCK, ROW
 from identification.diagnosis.results.residual_dependence import FIXED_TARGETS
 from identification.results.parameter_table import chance, decimals, printed
 
@@ -194,7 +194,9 @@ def shape(effect: Effect, machine: Machine) -> str:
     for driver, name in zip(effect.drivers, ("edge", "by_edge"), strict=False):
         if (edge := getattr(effect, name, None)) is not None:
             place = f"{edge:.5g} s" if driver == CLOCK else position(joints.get(driver), edge)
-            words.append(f"switching where {driver} passes {place}")
+            words.append(
+                f"from row {math.ceil(edge)} on" if driver == ROW else f"switching where {driver} passes {place}"
+            )
     if (at := getattr(effect, "at", None)) is not None:
         words.append(f"from {at:.5g} s on" if "time" in effect.drivers else f"at {position(joint, at)}")
     if (row := getattr(effect, "row", None)) is not None:
@@ -373,7 +375,9 @@ def unequal(effect: Effect, others: Sequence[Effect]) -> Iterator[Effect]:
 def next_measurement(effect: Effect, alternative: Effect | None) -> str:
     """The measurement to do; with an alternative that this data cannot distinguish, both by name."""
     if alternative is None:
-        return f"measure {FIXED_TARGETS}" if effect.empirical and effect.drivers == (CLOCK,) else effect.separate
+        return (
+            f"measure {FIXED_TARGETS}" if effect.empirical and effect.drivers in ((CLOCK,), (ROW,)) else effect.separate
+        )
     known = (
         alternative.effect in effect.alike
         or effect.empirical
