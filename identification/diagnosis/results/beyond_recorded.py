@@ -9,7 +9,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
-from errormodel.channels import POINT_CHANNELS, columns, root
+from errormodel.channels import CLOCKS, POINT_CHANNELS, columns, root
 from errormodel.conventions import Motion
 from errormodel.effects import make
 from errormodel.effects.base import Effect
@@ -20,6 +20,7 @@ from identification.uncertainty.measured_range import FULL_TURN_DEG
 
 TWO_VALUES = ("dir_", "run(")  # channels that have no value beyond those recorded
 PLACES, FINE = 16, 256  # rows whose other channels are kept, and steps along one, for its slopes
+SHORTEST, LAG = 1 / 16, 1 / 8  # of the recorded time: a correlation length, and a distance in time
 SAME = 1e-3  # standard deviations: what moves less stands still
 Place = tuple[str, Motion]  # element and motion
 
@@ -67,7 +68,7 @@ def _known(effect: Effect, number: int, fit: Fit) -> dict[str, object]:
     spread = {place: float(np.std(values)) for place, values in moved(table).items()}
     spread = {place: std for place, std in spread.items() if std > 0}
     rows = np.unique(np.linspace(0, len(fit.survey) - 1, PLACES).astype(int))
-    within = []
+    within, wider = [], 1.0
     for name, (low, high) in _ranges(effect, table, fit).items():
         along = {n: np.repeat(values[rows, None], FINE + 1, axis=1) for n, values in table.items()}
         along[name] = np.broadcast_to(np.linspace(low, high, FINE + 1), along[name].shape)
@@ -75,9 +76,17 @@ def _known(effect: Effect, number: int, fit: Fit) -> dict[str, object]:
         std = np.sqrt(sum(float(np.mean(np.var(c, axis=1))) for c in curves.values()))
         slope = np.sqrt(sum(float(np.mean(np.square(np.diff(c, axis=1)))) for c in curves.values()))
         if slope > 0:
-            length = (high - low) / 3 if _jumps_once(curves.values()) else std / slope * (high - low) / FINE
-            within.append((name, low, high, _short(length)))
-    return {"within": tuple(within), "spread": tuple((*p, _short(std)) for p, std in spread.items())} if within else {}
+            length = std / slope / FINE
+            if _jumps_once(curves.values()):
+                length = 1 / 3
+            elif name in CLOCKS:
+                length, wider = _of_markov_process(np.concatenate([*curves.values()]))
+            within.append((name, low, high, _short(length * (high - low))))
+    return (
+        {"within": tuple(within), "spread": tuple((*p, _short(wider * std)) for p, std in spread.items())}
+        if within
+        else {}
+    )
 
 
 def _jumps_once(curves: Iterable[Array]) -> bool:
@@ -88,6 +97,23 @@ def _jumps_once(curves: Iterable[Array]) -> bool:
     """
     moved = np.any([np.abs(np.diff(c, axis=1)).max(axis=0) > SAME for c in curves], axis=0)
     return int(np.count_nonzero(moved)) == 1
+
+
+def _of_markov_process(curves: Array) -> tuple[float, float]:
+    """Correlation length of motions (m, steps) in time, as a share of it, and how much more they move later.
+
+    Of a process with the covariance ``v exp(-|t|/l)`` two values at a distance h differ in the mean by ``2 v (1 -
+    exp(-h/l))``, squared, and a recording varies about its own mean by ``v f``, ``f = 1 - 2 l + 2 l^2 (1 -
+    exp(-1/l))``, since it has but few independent values. Of later ones the mean itself is uncertain by ``v (1 - f)``.
+    A random walk has no length; its is that of the recording, which is the longest.
+    """
+    step = round((curves.shape[1] - 1) * LAG)
+    lengths = np.geomspace(SHORTEST, 1, 100)
+    own = 1 - 2 * lengths + 2 * lengths**2 * (1 - np.exp(-1 / lengths))
+    rises = np.sum(np.mean(np.square(curves[:, step:] - curves[:, :-step]), axis=1))
+    share = 2 * (1 - np.exp(-LAG / lengths)) / own  # of what rises to what varies, falls with the length
+    best = int(np.argmin(np.abs(np.log(share) - np.log(rises / np.sum(np.var(curves, axis=1))))))
+    return float(lengths[best]), float(np.sqrt((2 - own[best]) / own[best]))
 
 
 def _short(value: float) -> float:

@@ -50,13 +50,20 @@ class NonRepeatable:
         return float(np.exp(-self.gain))
 
 
-def non_repeatable_motion(linear: LinearModel, log: DecisionLog = UNRECORDED) -> NonRepeatable | None:
-    """The motion that varies most from row to row; None where noise does as much, or rows have too few components."""
+def non_repeatable_motion(
+    linear: LinearModel, log: DecisionLog = UNRECORDED, left: bool = False
+) -> NonRepeatable | None:
+    """The motion that varies most from row to row; None where noise does as much, or rows have too few components.
+
+    Parameters
+    ----------
+    left : whether it is known that the residuals are no noise: then one direction is enough.
+    """
     if (found := _largest(linear)) is None:
         return None
     beside, clear = f"{found.motion} of {found.element}", found.gain > CLEAR
     log.add("non-repeatable-motion", "found" if clear else "passed", "residuals", found.gain, CLEAR, beside=beside)
-    if not clear or found.gain_over_covariance > DETECT + np.log(found.tried):
+    if not clear or left or found.gain_over_covariance > DETECT + np.log(found.tried):
         return found if clear else None
     large = found.share > LARGE
     log.add("non-repeatable-direction", "found" if large else "passed", "residuals", found.share, LARGE, beside=beside)

@@ -27,7 +27,7 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.results.combined_waves import Wave
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
-from identification.diagnosis.results.non_repeatable_motion import non_repeatable_motion
+from identification.diagnosis.results.non_repeatable_motion import NonRepeatable, non_repeatable_motion
 from identification.diagnosis.results.recorded_functions import CLOCK, ROW, Functions, only, recorded
 from identification.diagnosis.results.resampling import QUICK_RESAMPLES, clipped, gumbel, left, shifted, signed, thinned
 from identification.diagnosis.search.criteria import heldout_rms
@@ -158,10 +158,12 @@ def dependence_of(
         "dependence-of-residuals", "found" if seen else "passed", "residuals", p_value, LEAST_P_VALUE, beside=beside
     )
     if not seen:
-        if (wanders := _wandering(linear, parts, log)) is not None:
-            (p_value, part), seen = wanders, True
-        elif wave is None and (varies := _varying(linear, sigma_um, log)) is not None:
-            return varies
+        wanders = _wandering(linear, parts, log)
+        varies = non_repeatable_motion(linear, log, wanders is not None) if wave is None else None
+        if varies is not None and (wanders is None or varies.gain > wanders[2]):
+            return _varying(linear, sigma_um, varies)
+        if wanders is not None:
+            (p_value, part, _), seen = wanders, True
     if not seen and wave is not None:
         part = wave.functions(linear)
     elif seen:
@@ -180,33 +182,37 @@ def dependence_of(
     return Dependence(channels, p_value, axis, size, part.element, part.motion)
 
 
-def _varying(linear: LinearModel, sigma_um: float, log: DecisionLog) -> Dependence | None:
+def _varying(linear: LinearModel, sigma_um: float, found: NonRepeatable) -> Dependence:
     """The motion that varies from row to row, on nothing that was recorded."""
-    if (found := non_repeatable_motion(linear, log)) is None:
-        return None
     size = sigma_um * float(np.sqrt(found.variance))
     axis = _main_axis(linear, found.element, found.motion)
     return Dependence((), found.p_value, axis, size, found.element, found.motion)
 
 
-def _wandering(linear: LinearModel, parts: Sequence[Functions], log: DecisionLog) -> tuple[float, Functions] | None:
+def _wandering(
+    linear: LinearModel, parts: Sequence[Functions], log: DecisionLog
+) -> tuple[float, Functions, float] | None:
     """The motion that wanders or switches in time with most evidence, where correlated noise explains less of it.
 
     The test by resamples cannot see it: shifts along the rows keep what wanders. Noise is alike in all directions, a
     motion is not. One over its Bayes factor, times how many were tried, bounds its p-value.
+
+    Returns
+    -------
+    That p-value, the functions of the motion, and the log Bayes factor to white noise; None where nothing is seen.
     """
     quick = [part for part in parts if part.motion and part.channels == (CLOCK,)]
     own = clipped(linear.residual, linear.basis)
     if own is None:
         return None
     linear = linear.of_residual(own)
-    _, _, best = best_of(linear, quick)
+    evidence, _, best = best_of(linear, quick)
     if best is None:
         return None
     p_value = float(np.exp(min(np.log(len(quick)) - evidence_in_any_noise(linear, best), 0.0)))
     seen, what = p_value < LEAST_P_VALUE, f"{best.motion} of {best.element}"
     log.add("wandering-motion", "found" if seen else "passed", "residuals", p_value, LEAST_P_VALUE, beside=what)
-    return (p_value, best) if seen else None
+    return (p_value, best, evidence) if seen else None
 
 
 def _filtered(noise: Noise, edges: Index, functions: Array) -> Array:
