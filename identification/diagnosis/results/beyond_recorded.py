@@ -20,7 +20,7 @@ from identification.uncertainty.measured_range import FULL_TURN_DEG
 
 TWO_VALUES = ("dir_", "run(")  # channels that have no value beyond those recorded
 PLACES, FINE = 16, 256  # rows whose other channels are kept, and steps along one, for its slopes
-SHORTEST, LAG = 1 / 16, 1 / 8  # of the recorded time: a correlation length, and a distance in time
+SAMPLES, LENGTHS = 16, (1 / 32, 1.0)  # steps of a course in time, and its shortest and longest correlation length
 SAME = 1e-3  # standard deviations: what moves less stands still
 Place = tuple[str, Motion]  # element and motion
 
@@ -80,7 +80,7 @@ def _known(effect: Effect, number: int, fit: Fit) -> dict[str, object]:
             if _jumps_once(curves.values()):
                 length = 1 / 3
             elif name in CLOCKS:
-                length, wider = _of_markov_process(np.concatenate([*curves.values()]))
+                length, wider = of_markov_process(max((c for own in curves.values() for c in own), key=np.var))
             within.append((name, low, high, _short(length * (high - low))))
     return (
         {"within": tuple(within), "spread": tuple((*p, _short(wider * std)) for p, std in spread.items())}
@@ -99,21 +99,29 @@ def _jumps_once(curves: Iterable[Array]) -> bool:
     return int(np.count_nonzero(moved)) == 1
 
 
-def _of_markov_process(curves: Array) -> tuple[float, float]:
-    """Correlation length of motions (m, steps) in time, as a share of it, and how much more they move later.
+def of_markov_process(curve: Array) -> tuple[float, float]:
+    """Correlation length of a motion (steps,) in time, as a share of it, and how much more it moves later than it did.
 
-    Of a process with the covariance ``v exp(-|t|/l)`` two values at a distance h differ in the mean by ``2 v (1 -
-    exp(-h/l))``, squared, and a recording varies about its own mean by ``v f``, ``f = 1 - 2 l + 2 l^2 (1 -
-    exp(-1/l))``, since it has but few independent values. Of later ones the mean itself is uncertain by ``v (1 - f)``.
-    A random walk has no length; its is that of the recording, which is the longest.
+    Of an Ornstein-Uhlenbeck process each value is ``exp(-h/l)`` times that a distance h before, and what is new; mean
+    and variance are marginalised (normal, inverse gamma, Jeffreys' prior), and the geometric means over the lengths,
+    with a log-uniform prior, are taken. In so short a time a process with a long memory is nearer to its own mean than
+    to its true one, which is as uncertain as later values are.
     """
-    step = round((curves.shape[1] - 1) * LAG)
-    lengths = np.geomspace(SHORTEST, 1, 100)
-    own = 1 - 2 * lengths + 2 * lengths**2 * (1 - np.exp(-1 / lengths))
-    rises = np.sum(np.mean(np.square(curves[:, step:] - curves[:, :-step]), axis=1))
-    share = 2 * (1 - np.exp(-LAG / lengths)) / own  # of what rises to what varies, falls with the length
-    best = int(np.argmin(np.abs(np.log(share) - np.log(rises / np.sum(np.var(curves, axis=1))))))
-    return float(lengths[best]), float(np.sqrt((2 - own[best]) / own[best]))
+    values = curve[:: (len(curve) - 1) // SAMPLES]
+    last = len(values) - 1
+    lengths = np.geomspace(*LENGTHS, 50)
+    kept = np.exp(-1 / (last * lengths))[:, None]
+    new = np.sqrt(1 - kept**2)
+    first = np.ones((len(lengths), 1))
+    y, ones = (np.hstack([first * x[0], (x[1:] - kept * x[:-1]) / new]) for x in (values, np.ones(last + 1)))
+    weight = np.sum(ones**2, axis=1)
+    left = np.sum(np.square(y - ones * (np.sum(ones * y, axis=1) / weight)[:, None]), axis=1)
+    log = -last / 2 * np.log(left) - np.log(weight) / 2 - last * np.log(new[:, 0])
+    posterior = np.exp(log - log.max())
+    posterior /= posterior.sum()
+    variance = left / (last - 2) * (1 + 1 / weight)
+    length, later = (float(np.exp(posterior @ np.log(x))) for x in (lengths, variance))
+    return length, float(np.sqrt(later) / np.std(curve))
 
 
 def _short(value: float) -> float:
