@@ -21,6 +21,7 @@ from errormodel.instruments.base import Instrument
 from errormodel.machine import Machine
 from errormodel.observations.base import Observation
 from errormodel.surveys.checks import Part, left_out, read_part, run_labels
+from errormodel.surveys.clock_notes import clock_notes
 from errormodel.surveys.columns import (
     MEASURED,
     MOTION_UNCERTAINTIES,
@@ -210,6 +211,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     notes |= dict.fromkeys(more)
     notes |= dict.fromkeys(travel_notes(table, machine))
     if measured:
+        notes |= dict.fromkeys(clock_notes(table, machine))
         notes |= dict.fromkeys(_side_notes(table, machine, form.frame))
     _check_budget(form, document, machine, [str(c) for c in table.columns])
     rotation = None

@@ -30,6 +30,7 @@ from identification.diagnosis.data_checks.runs_of_motions import (
 )
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
 from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
+from identification.diagnosis.data_checks.untimed_path import untimed_path
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.extension import Explanation, explained
 from identification.diagnosis.linear.linear_model import LinearModel
@@ -202,6 +203,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
             *station_notes(final, log),
             *unusable,
             *contrary_sides(survey, log),
+            *(untimed_path(model.linear) if findings or verdict.word != "adequate" else ()),
             *verdict.notes,
         ),
         by_observation(baseline, final),

@@ -85,3 +85,10 @@ def test_a_time_that_stands_still_determines_no_delay(path: tuple[Machine, Surve
     still = showing(replace(survey, table=survey.table.assign(time=5.0)), machine, [], 0.005)
     fit = fit_machine(replace(machine, effects=(ON_THE_FLY,)), still)
     assert [n for n in fit.notes if "clock-offset (frame.dx.clock-offset) moves nothing in these rows" in n]
+
+
+def test_without_times_it_is_said_that_a_delay_would_look_like_other_things(path: tuple[Machine, Survey]) -> None:
+    machine, survey = path
+    delayed = showing(survey, machine, [(ON_THE_FLY, [DELAY_S])], 0.005)
+    untimed = replace(delayed, table=delayed.table.drop(columns="time"))
+    assert [n for n in diagnose(machine, untimed).diagnosis.notes if "whether they were read on the fly" in n]

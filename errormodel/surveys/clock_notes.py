@@ -1,0 +1,46 @@
+"""Comparison of times with positions: notes on a machine that would creep or fly, as with times in another unit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.machine import Machine
+from errormodel.path_speed import in_motion
+from errormodel.row_order import label_numbers, measured_order
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# time in which the fastest joint would cross its travel, s: on the fly none takes an hour, and none a tenth of a second
+_CREEPS, _FLIES = 3600.0, 0.1
+
+
+def clock_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
+    """A note where rows on a path that runs on are too slow to be driven so, or any rows too fast for a machine."""
+    joints = [j for j in machine.joints if np.isfinite(table[j.name]).all() and np.ptp(table[j.name]) > 0]
+    if "time" not in table or not joints:
+        return
+    order = measured_order(table)
+    time, series = table["time"].to_numpy(dtype=np.float64)[order], label_numbers(table, ["file", "run"])[order]
+    path = [table[j.name].to_numpy(dtype=np.float64)[order] for j in joints]
+    share = np.max(
+        [np.abs(np.diff(q)) / (j.travel[1] - j.travel[0]) for q, j in zip(path, joints, strict=True)], axis=0
+    )
+    moves = (series[1:] == series[:-1]) & (share > 0) & (np.diff(time) > 0)
+    if not moves.any():
+        return
+    crossed = float(np.median(np.diff(time)[moves] / share[moves]))
+    if crossed > _CREEPS and in_motion(path):
+        yield (
+            f"column time: rows seem to be read on the fly, but so slowly that the fastest joint would take "
+            f"{crossed / 3600:.3g} h for its travel. Times are in s; if these are in ms, write units: {{time: ms}} in "
+            "survey.yaml"
+        )
+    if crossed < _FLIES:
+        yield (
+            f"column time: from row to row the fastest joint would cross its travel in {crossed:.2g} s. Times are in "
+            "s; if these are in min or h, write units: {time: min} or {time: h} in survey.yaml"
+        )

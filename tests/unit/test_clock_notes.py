@@ -1,0 +1,46 @@
+"""Times in another unit: a machine that creeps or flies is noted, an ordinary one is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from errormodel.machine_file import read_machine
+from errormodel.surveys.clock_notes import clock_notes
+
+MILL = read_machine("vertical_three_axis")
+ROWS = 200
+
+
+def survey(step_s: float, smooth: bool) -> pd.DataFrame:
+    """Poses every `step_s`, on a path that runs on or at random."""
+    rng, turn = np.random.default_rng(4), np.linspace(0, 20, ROWS)
+    places = {}
+    for k, joint in enumerate(MILL.joints):
+        share = np.sin(turn * (1 + 0.3 * k) + k) / 2 if smooth else rng.uniform(-0.5, 0.5, ROWS)
+        places[joint.name] = np.mean(joint.travel) + 0.9 * np.ptp(joint.travel) * share
+    return pd.DataFrame({"file": "s.csv", "run": "1", "time": step_s * np.arange(ROWS), **places})
+
+
+@pytest.mark.parametrize(
+    ("step_s", "smooth", "said"),
+    [
+        (2.0, True, ""),
+        (2000.0, True, "time: ms"),
+        (20.0, False, ""),
+        (20000.0, False, ""),  # one pose in hours is no mistake
+        (20 / 3600, False, "time: h"),
+    ],
+)
+def test_a_unit_is_suspected_where_no_machine_moves_so(step_s: float, smooth: bool, said: str) -> None:
+    notes = list(clock_notes(survey(step_s, smooth), MILL))
+    assert len(notes) == bool(said)
+    assert all(f"{{{said}}}" in note for note in notes)
+
+
+def test_without_times_or_moves_nothing_is_said() -> None:
+    table = survey(2000.0, True)
+    assert not list(clock_notes(table.drop(columns="time"), MILL))
+    assert not list(clock_notes(table.assign(X=1.0, Y=2.0, Z=3.0), MILL))
+    assert not list(clock_notes(table.assign(time=7.0), MILL))
