@@ -65,6 +65,6 @@ def nameless(finding: Finding, reason: str) -> Finding:
             f"An effect without a name at {finding.where}. It follows the form of a {form}, but cannot be called one: "
             f"{reason}. As that form it reads: {finding.statement}"
         ),
-        brief=f"an effect without a name at {finding.where} (in the form of a {form})",
+        brief=f"an effect without a name at {finding.where}, in the form of a {finding.brief or form}",
         positive="",
     )
