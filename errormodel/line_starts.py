@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from errormodel.arrays import Array, Index
-from errormodel.path_speed import RUNS_ON, STANDS, directions
+from errormodel.path_steps import RUNS_ON, PathSteps
 
 
 def line_starts(position: Array, series: Index) -> Array:
@@ -23,18 +23,13 @@ def line_starts(position: Array, series: Index) -> Array:
     position : commanded positions (n, joints), mm and rad, in the order in which they were reached.
     series : number of the series of rows (n,) that each belongs to; from one to another there is no step.
     """
-    fresh = np.append(True, (series[1:] != series[:-1]) | (np.abs(np.diff(position, axis=0)) > STANDS).any(axis=1))
-    first = np.flatnonzero(fresh)
-    place, counts = np.cumsum(fresh) - 1, np.diff(np.append(first, len(position)))
-    # steps[k] leads to place k; before the first place of a series, and after the last, it is zero
-    steps, same = np.zeros((len(first) + 1, position.shape[1])), series[first[1:]] == series[first[:-1]]
-    steps[1:-1][same] = np.diff(position[first], axis=0)[same]
-    ways = directions(steps, position)
-    straight = np.einsum("nj,nj->n", ways[:-1], ways[1:]) > RUNS_ON  # through each place
-    corner = ~straight & ways[:-1].any(axis=1) & ways[1:].any(axis=1)
+    path = PathSteps.of(position, series)
+    place, counts = path.place, path.after - path.first
+    straight = path.cosine > RUNS_ON  # through each place
+    corner = ~straight & path.directions[:-1].any(axis=1) & path.directions[1:].any(axis=1)
     begins, ends = corner & np.append(straight[1:], False), corner & np.append(False, straight[:-1])
     usual = float(np.median(counts[straight])) if straight.any() else np.inf
     halved = begins & ends & (counts >= 2 * usual)
-    later = np.arange(len(position)) - first[place] >= counts[place] // 2
+    later = np.arange(len(position)) - path.first[place] >= counts[place] // 2
     new = (begins & ~ends)[place] | (halved[place] & later)
-    return np.asarray(np.where(new[:, None], np.sign(steps[1:])[place], 0.0))
+    return np.asarray(np.where(new[:, None], np.sign(path.steps[1:])[place], 0.0))

@@ -16,20 +16,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from errormodel.arrays import Array, Index, Mask
+from errormodel.path_steps import RUNS_ON, STANDS, PathSteps, directions
 
 if TYPE_CHECKING:
     from errormodel.machine import Machine
 
 SPEED_CHANNEL = re.compile(r"speed\(([^|]+)\|([^|]*)\|([^|]*)\)")
 RATE_CHANNEL = re.compile(r"rate\((.+)\)")
-RUNS_ON = 0.7  # cosine of the turn up to which a path runs on through a row; by judgement: corners turn by more
 AT_FEED = 0.9, 1.1  # of the feed: a step that was made at it; by judgement
 IN_MOTION = 0.2  # share of such steps, from which on rows were read in motion; by judgement: with pauses they are rare
 SHARE_RUNS_ON = 0.5  # of the rows, through which a path runs on that is not stopped at each; by judgement
 FASTEST = 1.2  # times the feed: faster was no feed; by judgement, since times are rounded
 PAUSE = 0.5  # ratio of the rates of two steps, below which the slower one had a pause in it; by judgement
 SIDEWAYS = 0.3  # share of a step that a joint may go against its side: on a curve it turns round between two rows
-STANDS = 1e-9  # mm or rad
 
 
 def speed_name(machine: Machine, joint: str) -> str:
@@ -61,15 +60,10 @@ def path_speed(position: Array, linear: Mask, feed: Array, side: Array, time: Ar
     time : of the rows (n,), s; NaN where it is not known.
     series : number of the series of rows (n,) that each belongs to; from one to another there is no step.
     """
-    stays = (series[1:] == series[:-1]) & (np.abs(np.diff(position, axis=0)) <= STANDS).all(axis=1)
-    starts = np.flatnonzero(np.concatenate([[True], ~stays]))
-    ends = np.append(starts[1:], len(position)) - 1
-    place = np.cumsum(np.concatenate([[True], ~stays])) - 1  # of each row
-    # steps[k] leads to place k; before the first place of a series, and after the last, it is zero
-    steps, took = np.zeros((len(starts) + 1, position.shape[1])), np.full(len(starts) + 1, np.nan)
-    same = series[starts[1:]] == series[starts[:-1]]
-    steps[1:-1][same] = np.diff(position[starts], axis=0)[same]
-    took[1:-1][same] = (time[starts[1:]] - time[ends[:-1]])[same]
+    whole = PathSteps.of(position, series)
+    starts, place, steps, ways = whole.first, whole.place, whole.steps, whole.directions
+    took = np.full(len(steps), np.nan)
+    took[1:-1][whole.joined] = (time[starts[1:]] - time[whole.after[:-1] - 1])[whole.joined]
     length = _length(steps, linear)
     pace = feed / 60
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -78,9 +72,8 @@ def path_speed(position: Array, linear: Mask, feed: Array, side: Array, time: Ar
     moving = known.any() and np.mean((rate[:-1][known] > AT_FEED[0]) & (rate[:-1][known] < AT_FEED[1])) > IN_MOTION
     before, after = slice(None, -1), slice(1, None)
     came = side[starts]
-    ways = directions(steps, position)
     forth = [(length[s] > 0) & (ways[s] * came >= -SIDEWAYS).all(axis=1) for s in (before, after)]
-    straight = np.einsum("nj,nj->n", ways[before], ways[after])  # cosine of the turn at each place
+    straight = whole.cosine
     if moving:
         weight = [np.where(rate[s] < FASTEST, np.minimum(rate[s], 1.0), 0.0) for s in (before, after)]
     else:
@@ -88,7 +81,7 @@ def path_speed(position: Array, linear: Mask, feed: Array, side: Array, time: Ar
     weight = [w * f for w, f in zip(weight, forth, strict=True)]
     through = (straight > RUNS_ON) & (np.minimum(*weight) > (PAUSE * np.maximum(*weight) if moving else 0.0))
     use = [through | (weight[0] >= weight[1]), through | (weight[0] < weight[1])]
-    path = sum(u[:, None] * steps[s] for u, s in zip(use, (before, after), strict=True))
+    path = np.asarray(sum(u[:, None] * steps[s] for u, s in zip(use, (before, after), strict=True)))
     way, lasted = (
         sum(np.where(u, v[s], 0.0) for u, s in zip(use, (before, after), strict=True)) for v in (length, took)
     )
@@ -140,11 +133,3 @@ def _length(steps: Array, linear: Mask) -> Array:
     slid = np.linalg.norm(steps[:, linear], axis=1)
     turned = np.degrees(np.linalg.norm(steps[:, ~linear], axis=1))
     return np.asarray(np.where(slid > STANDS, slid, turned))
-
-
-def directions(steps: Array, position: Array) -> Array:
-    """Direction of each step (n, joints), every joint in units of its range; 0 where there is none."""
-    span = np.ptp(position, axis=0)
-    scaled = steps / np.where(span > 0, span, 1.0)
-    size = np.linalg.norm(scaled, axis=1)
-    return np.asarray(scaled / np.where(size > 0, size, 1.0)[:, None])

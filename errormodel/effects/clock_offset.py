@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar, Literal, Self
 
-import numpy as np
 from pydantic import model_validator
 
 from errormodel.conventions import FRAME, INSTRUMENT, TRANSLATIONS
@@ -19,7 +18,7 @@ from errormodel.effects.shared import joint_as
 from errormodel.effects.target_offset import TOOL_COLUMNS
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine, Shape, joint_of
-from errormodel.path_speed import in_motion, rate_name, speed_name
+from errormodel.path_speed import rate_name, speed_name
 
 
 class ClockOffset(Effect):
@@ -105,8 +104,7 @@ class ClockOffset(Effect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        path = [scene.columns[j.name] for j in scene.moving]
-        if scene.varies("time") and np.isfinite(path).all() and in_motion(path):
+        if scene.on_the_fly:
             yield cls(joints=tuple(j.name for j in scene.moving), speed="clock")
         if scene.varies("feed"):
             if scene.prismatic and all(scene.both_ways(j) for j in scene.prismatic):

@@ -8,12 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar, Literal
 
-import numpy as np
-
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine, joint_of
-from errormodel.path_speed import in_motion, rate_name, speed_name
+from errormodel.path_speed import rate_name, speed_name
 
 
 class ServoLag(JointEffect):
@@ -54,9 +52,7 @@ class ServoLag(JointEffect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        path = [scene.columns[j.name] for j in scene.moving]
-        timed = scene.varies("time") and not scene.varies("feed")  # which says the speed where it is recorded
-        if timed and np.isfinite(path).all() and in_motion(path):
+        if scene.on_the_fly and not scene.varies("feed"):  # which says the speed where it is recorded
             yield from (cls(joint=j.name, speed="clock") for j in scene.moving)
         for j in scene.moving:
             if scene.both_ways(j) and scene.varies("feed"):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from errormodel.channels import CLOCKS
 from errormodel.machine import Joint, Machine, Vector
+from errormodel.path_speed import in_motion
 
 Array = NDArray[np.float64]
 # share of the travel from which on a joint counts as moved; by judgement: probing moves are shorter
@@ -61,6 +62,11 @@ class Scene:
             for j in self.machine.joints
             if self.varies(j.name) and np.ptp(self.span(j)) > MOVED_SHARE * (j.travel[1] - j.travel[0])
         )
+
+    @cached_property
+    def on_the_fly(self) -> bool:
+        """Whether the rows have times, and a path of the moving joints that runs on: they seem to be read in motion."""
+        return self.varies("time") and in_motion([self.columns[j.name] for j in self.moving])
 
     @property
     def prismatic(self) -> tuple[Joint, ...]:
