@@ -6,7 +6,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.line_starts import line_starts
-from errormodel.path_speed import STANDS
+from errormodel.path_steps import STANDS, PathSteps
 
 
 def read_again(position: Array, tool: Array, joint: int, series: Index) -> list[tuple[Mask, Mask]]:
@@ -26,14 +26,13 @@ def read_again(position: Array, tool: Array, joint: int, series: Index) -> list[
     -------
     Distinct masks (n,) of such rows, each with all the rows of these targets, which have an even number of readings.
     """
-    apart = (np.abs(np.diff(np.hstack([position, tool]), axis=0)) > STANDS).any(axis=1) | (series[1:] != series[:-1])
-    first = np.flatnonzero(np.append(True, apart))
-    place, counts = np.cumsum(np.append(True, apart)) - 1, np.diff(np.append(first, len(position)))
-    nth, even = np.arange(len(position)) - first[place], (counts % 2 == 0)[place]
-    step = np.where(series[first[1:]] == series[first[:-1]], np.diff(position[first, joint]), np.nan)
-    before, after = np.append(np.nan, step), np.append(step, np.nan)
-    came = np.abs(np.where(np.isnan(before), after, before))[place] > STANDS
-    begins = line_starts(position, series)
-    even &= np.where(begins.any(axis=1), begins[:, joint] != 0, came)
-    rows = [again & even for again in (nth >= counts[place] // 2, nth % 2 == 1)]
+    other = np.append(False, (np.abs(np.diff(tool, axis=0)) > STANDS).any(axis=1))
+    path = PathSteps.of(position, series + (series.max(initial=0) + 1) * np.cumsum(other))
+    place, counts = path.place, (path.after - path.first)[path.place]
+    nth = np.arange(len(position)) - path.first[place]
+    begins, step = line_starts(position, series), np.abs(path.steps[:, joint]) > STANDS
+    leads, leaves = step[:-1], step[1:]
+    came = np.where(np.append(False, path.joined), leads, leaves)[place]
+    even = (counts % 2 == 0) & np.where(begins.any(axis=1), begins[:, joint] != 0, came)
+    rows = [again & even for again in (nth >= counts // 2, nth % 2 == 1)]
     return [(r, even) for r in rows[: 1 if (rows[0] == rows[1]).all() else 2] if r.any()]

@@ -64,9 +64,14 @@ class Scene:
         )
 
     @cached_property
+    def runs_on(self) -> bool:
+        """Whether the path of the moving joints runs on through most rows, as if they were read in motion."""
+        return in_motion([self.columns[j.name] for j in self.moving])
+
+    @property
     def on_the_fly(self) -> bool:
-        """Whether the rows have times, and a path of the moving joints that runs on: they seem to be read in motion."""
-        return self.varies("time") and in_motion([self.columns[j.name] for j in self.moving])
+        """Whether the rows seem to be read in motion, and have times, which say how fast."""
+        return self.runs_on and self.varies("time")
 
     @property
     def prismatic(self) -> tuple[Joint, ...]:

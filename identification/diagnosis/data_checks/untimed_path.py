@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from errormodel.path_speed import in_motion
 from identification.diagnosis.linear.linear_model import LinearModel
 
 UNTIMED = (
@@ -16,5 +15,5 @@ UNTIMED = (
 def untimed_path(linear: LinearModel) -> Iterator[str]:
     """A note where rows seem to be read on the fly, and no times of theirs were recorded."""
     scene = linear.scene
-    if scene.clock != "time" and not scene.varies("feed") and in_motion([scene.columns[j.name] for j in scene.moving]):
+    if scene.runs_on and not (scene.varies("time") or scene.varies("feed")):
         yield UNTIMED
