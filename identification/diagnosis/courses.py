@@ -20,9 +20,13 @@ from identification.diagnosis.linear.row_residuals import noise_mm, spread
 from identification.diagnosis.results.nameless_evidence import best_of
 from identification.diagnosis.results.recorded_functions import wandering
 from identification.diagnosis.results.residual_dependence import Dependence, dependence_of
-from identification.diagnosis.search.forward_selection import add_best
+from identification.diagnosis.search.candidates import Candidates
+from identification.diagnosis.search.conditional_evidence import in_correlated_noise
+from identification.diagnosis.search.forward_selection import add_best, forward_select
+from identification.diagnosis.search.proposals import proposed
 from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.search.shape_fit import scored
+from identification.estimation.result import Fit
 from identification.runtime.progress import Progress
 
 PIECES = 16  # intervals of the survey's time, of a curve
@@ -56,12 +60,37 @@ def with_courses(
             break
         with progress("Fitting the extended machine"):
             model, final, _ = that_predicts(found.before, longer, found.survey, changes, log)
-        errors = [spread(fit, heldout=True).rms_um or 0.0 for fit in (final, found.final)]
-        if errors[0] > NO_WORSE * errors[1]:
-            log.add("prediction-made-worse", "removed", longer.steps[-1].effect, ratio(*errors), NO_WORSE)
+        if not _no_worse(final, found.final, longer.steps[-1].effect, log):
             break
-        found = replace(found, model=model, final=final)
+        found = _with_more(replace(found, model=model, final=final), changes, progress, log)
     return found, left
+
+
+def _no_worse(fit: Fit, before: Fit, effect: Effect, log: DecisionLog) -> bool:
+    """Whether rows left out are predicted no worse with an effect than before it was added."""
+    errors = [spread(f, heldout=True).rms_um or 0.0 for f in (fit, before)]
+    if errors[0] > NO_WORSE * errors[1]:
+        log.add("prediction-made-worse", "removed", effect, ratio(*errors), NO_WORSE)
+        return False
+    return True
+
+
+def _with_more(found: Explanation, changes: Sequence[Effect], progress: Progress, log: DecisionLog) -> Explanation:
+    """What was found, and what else is seen beside a course: it was noise to all else, and correlated at that."""
+    start = found.model.start
+    candidates = Candidates.of(start, proposed(start))
+    candidates.scores(start)
+    more = forward_select(start, candidates, progress, found.model.steps, log)
+    del candidates
+    known = {g[0].effect.key for g in found.model.findings}
+    new = [g[0].effect for g in more.findings if g[0].effect.key not in known]
+    if not new or len(more.findings) < len(known) + len(new):  # a course gives way to no name
+        return found
+    with progress("Fitting the extended machine"):
+        model, final, larger = that_predicts(found.before, in_correlated_noise(more, log), found.survey, changes, log)
+    if larger or not _no_worse(final, found.final, new[0], log):
+        return found
+    return replace(found, model=model, final=final)
 
 
 def _course(linear: LinearModel, element: str, motion: str) -> Step | None:
