@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.channels import CLOCKS
 from errormodel.conventions import MOTIONS
 from errormodel.effects.base import Effect
 from errormodel.effects.unnamed import Unnamed
@@ -76,9 +77,12 @@ def _no_worse(fit: Fit, before: Fit, effect: Effect, log: DecisionLog) -> bool:
 
 
 def _with_more(found: Explanation, changes: Sequence[Effect], progress: Progress, log: DecisionLog) -> Explanation:
-    """What was found, and what else is seen beside a course: it was noise to all else, and correlated at that."""
+    """What was found, and what else is seen beside a course: it was noise to all else, and correlated at that.
+
+    What time alone drives is not looked for: the course follows it as well.
+    """
     start = found.model.start
-    candidates = Candidates.of(start, proposed(start))
+    candidates = Candidates.of(start, [e for e in proposed(start) if not {*e.drivers} <= {*CLOCKS}])
     candidates.scores(start)
     more = forward_select(start, candidates, progress, found.model.steps, log)
     del candidates

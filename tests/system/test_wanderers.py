@@ -105,3 +105,23 @@ def test_a_hidden_state_is_modelled_where_and_when_it_changes(jumps: int, tmp_pa
         errors.append(np.linalg.norm(later[MEASURED].to_numpy() - true[MEASURED].to_numpy()[225:]))
     # beyond the recording a curve tends to its mean
     assert errors[1] < (0.5 if jumps == 1 else 1.0) * errors[0]
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_beside_a_hidden_state_what_it_was_noise_to_is_named(timed: bool) -> None:
+    """A seat that tips there and back, and a spindle that grows; with times, or with the order of the rows alone."""
+    machine, rows = read_machine("vertical_three_axis"), 260
+    survey = empty_survey(machine, rows, 4, channels=False, grid=False)
+    time = 20.0 * np.arange(rows)
+    warm = 20 + 6 * (1 - np.exp(-time / 1200)) + 2 * np.sin(time / 500)
+    state = np.searchsorted([700.0, 1500.0, 2600.0, 4300.0], time) % 2
+    states = survey.table.assign(time=time, T_spindle=warm, w_state=1.0 * state)
+    hidden = EffectSpec("unnamed", {"element": "Z", "motion": "dx", "driver": "w_state"})
+    growth = EffectSpec("spindle-growth", {"sensor": "T_spindle"})
+    seen = showing(replace(survey, table=states), machine, [(hidden, [0.02]), (growth, [0.003])], 0.004).table
+    diagnosed = diagnose(machine, replace(survey, table=seen.drop(columns=["w_state", *(() if timed else ("time",))])))
+    found = {f.effect: f for f in diagnosed.diagnosis.findings}
+    assert found.keys() == {"unnamed", "spindle-growth"}
+    assert found["unnamed"].driver == ["time" if timed else "row"]
+    (rate,) = found["spindle-growth"].parameters
+    assert rate.value == pytest.approx(0.003, abs=4 * rate.std)

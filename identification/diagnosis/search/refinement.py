@@ -8,7 +8,7 @@ from itertools import combinations, islice, product
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.channels import root
+from errormodel.channels import CLOCKS, root
 from errormodel.conventions import MOTIONS
 from errormodel.effects.base import Effect
 from errormodel.effects.travel import legendre
@@ -31,8 +31,10 @@ DISTINCT = {"feed", "load", "point_x", "point_y", "point_z"}  # what follows the
 def forms(linear: LinearModel, effect: Effect) -> Iterator[Effect]:
     """Empirical terms at the effect's place by its drivers (lagged too, where it is warmth), along its joint's travel.
 
-    Of a wave without a name also what it may be instead of a sine.
+    Of a wave without a name also what it may be instead of a sine; of a course in time none.
     """
+    if is_course(effect):
+        return
     if isinstance(effect, Unnamed) and effect.period and not effect.random:
         yield from _repeating(effect, effect.period)
     joint = next((j for j in linear.scene.moving if j.name == effect.where), None)
@@ -166,7 +168,7 @@ def refinement_of(model: EffectModel, step: Step) -> tuple[int | None, str]:
         one, other = earlier.effect, step.effect
         if one.random and not (one.empirical or other.empirical) and other.family != one.family:
             continue  # a free curve of the joint's position leaves nothing over: this is another effect
-        if distinct(one, other):
+        if distinct(one, other) or is_course(one):
             continue
         there = one.where == other.where and base_channels(one) & base_channels(other)
         if there and (one.effect == other.effect or moves(linear, one) & moves(linear, other)):
@@ -180,6 +182,13 @@ def refinement_of(model: EffectModel, step: Step) -> tuple[int | None, str]:
         if _is_surface(one) and base_channels(other) <= base_channels(one) and _motions(linear, one, other):
             return k, "remainder-of-surface"  # the remainder of a product follows either of its two drivers
     return None, ""
+
+
+def is_course(effect: Effect) -> bool:
+    """Whether an effect is a curve or a jump of one motion in time, which is no form that leaves something over."""
+    if not (isinstance(effect, Unnamed) and {*effect.drivers} <= {*CLOCKS}):
+        return False
+    return effect.pieces is not None or effect.edge is not None
 
 
 def distinct(one: Effect, other: Effect) -> bool:
