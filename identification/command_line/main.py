@@ -33,7 +33,7 @@ from identification.command_line.console import (
     working,
 )
 from identification.command_line.interruption import exit_code, interruption_behind, kept_of, last_word, unless_gone
-from identification.results.terminal import one_line
+from identification.results.terminal import counted, one_line
 
 if TYPE_CHECKING:
     from errormodel import Survey
@@ -267,7 +267,7 @@ def predict(folder: Path, points: Path, out: OutputFile, stream: bool) -> None:
     show_notes(saved.notes_on(commands))
     table = api.predict(saved, commands, progress=working)
     out.write_csv(table)
-    say(f"{len(table)} prediction{'s' * (len(table) != 1)} written to {out}")
+    say(f"{counted(len(table), 'prediction')} written to {out}")
     return None
 
 

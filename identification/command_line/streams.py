@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from errormodel.exceptions import InputError
 from identification.command_line.console import count_of, counting, noise_of, save, say, show_notes, working
+from identification.results.terminal import counted
 
 if TYPE_CHECKING:
     from errormodel import Machine, Survey
@@ -86,7 +87,7 @@ def predict_stream(folder: Path, points: Path, out: OutputFile) -> None:
     with out.replaced() as part:
         count, notes = api.predict_stream(saved, points, part, steps=counting)
     show_notes(notes)
-    say(f"{count} prediction{'s' * (count != 1)} written to {out}")
+    say(f"{counted(count, 'prediction')} written to {out}")
 
 
 def simulate_stream(

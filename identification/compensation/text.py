@@ -11,7 +11,7 @@ from errormodel.controllers.setup import Axis, Setup
 from identification.compensation.advice import Advice, Scale
 from identification.compensation.assessment import OTHER_TOOLS, Error, Figures
 from identification.compensation.result import Compensation, Stated
-from identification.results.terminal import one_line
+from identification.results.terminal import counted, one_line
 
 TEXT_WIDTH = 110  # characters of a line
 UNCHANGED_SHARE = 1e-3  # of the RMS error: smaller changes count as none; by judgement
@@ -90,15 +90,9 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     more = [f for s in (result.thermal, result.probing) if s for f in s.files]
     check = len(result.tests) + sum(f.startswith("sign_test/") for f in more)
     real += sum(not f.startswith("sign_test/") for f in more)
+    aside = f", {counted(check, 'file')} in sign_test" if check else ""
     yield ""
-    yield (
-        f"{_files(real)} for the control{f', {_files(check)} in sign_test' if check else ''}, checklist.txt and "
-        f"compensation.json written to {folder}"
-    )
-
-
-def _files(count: int) -> str:
-    return f"{count} file{'s' if count != 1 else ''}"
+    yield f"{counted(real, 'file')} for the control{aside}, checklist.txt and compensation.json written to {folder}"
 
 
 def _state(stated: Stated) -> str:

@@ -75,8 +75,8 @@ from identification.diagnosis.together import together
 from identification.estimation.checks import check_declared, check_readings, noise_notes
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
-from identification.importing.words import counted
 from identification.observation.normal_equations import design_rows
+from identification.results.terminal import counted
 from identification.runtime.progress import Progress, silent
 
 

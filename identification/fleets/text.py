@@ -14,7 +14,7 @@ from identification.fleets.partial_pooling import LEAST_MACHINES, Normal
 from identification.fleets.remarks import Far, Noted, copies
 from identification.monitoring.quantities import Watched
 from identification.results.parameter_table import decimals, printed
-from identification.results.terminal import table_lines
+from identification.results.terminal import counted, table_lines
 
 if TYPE_CHECKING:
     from identification.results.fleet_result import FleetResult
@@ -29,7 +29,8 @@ def reason(test: Test) -> str:
     if test.kind == EFFECT:
         s = test.shown
         assert s is not None
-        return f"{s.effect} at {s.where}, {short(s.size_um)} µm at the tool, in {s.surveys} of {_many(s.of, 'survey')}"
+        seen = f"in {s.surveys} of {counted(s.of, 'survey')}"
+        return f"{s.effect} at {s.where}, {short(s.size_um)} µm at the tool, {seen}"
     q, k = test.quantity, test.number
     assert q is not None
     tool = f", {short(test.size_um)} µm at the tool" if np.isfinite(test.size_um) else ""
@@ -105,7 +106,7 @@ def few_lines(result: FleetResult) -> Iterator[str]:
     for t in result.compared.types:
         least = min((q.each.shown for q in t.quantities if q.each.shown), default=0)
         if 0 < least < FEW_WITHIN and len(t.machines) > least:
-            few[t.name] = f"{least} of {_many(len(t.machines), 'machine')} of {t.name}"
+            few[t.name] = f"{least} of {counted(len(t.machines), 'machine')} of {t.name}"
     if few:
         said = ", ".join(few.values())
         yield f"how much surveys of one machine differ beyond their uncertainty is known from few: {said}"
@@ -141,19 +142,15 @@ def headline(result: FleetResult) -> str:
     machines, failed = len(result.machines), len(result.failures)
     types = len(result.compared.types)
     out = len(result.found)
-    said = f"{_many(machines, 'machine')} of {_many(types, 'type')}, {_many(len(result.surveys), 'survey')}: "
+    said = f"{counted(machines, 'machine')} of {counted(types, 'type')}, {counted(len(result.surveys), 'survey')}: "
     said += f"{out} {'is' if out == 1 else 'are'} out"
     common = int(result.common["common"].sum()) if len(result.common) else 0
     said += (
         f"; {common} {'thing that a type has' if common == 1 else 'things that types have'} in common" if common else ""
     )
     alarms = int((result.machines["state"] == "alarm").sum())
-    said += f"; {_many(alarms, 'machine')} in alarm" if alarms else ""
-    return said + (f"; {failed} of {_many(len(result.surveys), 'survey')} failed" if failed else "")
-
-
-def _many(count: int, word: str) -> str:
-    return f"{count} {word}{'' if count == 1 else 's'}"
+    said += f"; {counted(alarms, 'machine')} in alarm" if alarms else ""
+    return said + (f"; {failed} of {counted(len(result.surveys), 'survey')} failed" if failed else "")
 
 
 def fleet_lines(result: FleetResult) -> Iterator[str]:

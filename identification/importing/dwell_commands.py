@@ -18,7 +18,8 @@ from errormodel.nominal import Nominal
 from identification.importing.dwells import Dwells, find_dwells
 from identification.importing.matching import DENSE, Matched
 from identification.importing.sources import SourceFile
-from identification.importing.words import LISTED, counted, row_ranges
+from identification.importing.words import LISTED, row_ranges
+from identification.results.terminal import counted
 
 ONE_PLACE = 1.0  # mm that commands reach: of an R-test on one ball they differ by the rounding of the axes only
 FEWEST = 5  # dwells, to say so of a whole part of a log

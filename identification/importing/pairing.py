@@ -18,8 +18,9 @@ from identification.importing.matching import NAMED, Matched, by_name, by_order,
 from identification.importing.near_causes import refuse_cause
 from identification.importing.nearest import find_pairing
 from identification.importing.sources import SourceFile, Wishes
-from identification.importing.words import LISTED, counted, row_ranges
+from identification.importing.words import LISTED, row_ranges
 from identification.observation.frames import align
+from identification.results.terminal import counted
 
 TARGET_GAIN = 3.0  # times: so much nearer must targets of their own bring the points, to be taken
 LOCATION_ERROR_MM = 1.0  # a single target so near to the tool is the tool: axes are beside their places; by judgement

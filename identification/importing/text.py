@@ -13,7 +13,8 @@ from identification.importing.proof import Proof
 from identification.importing.readings import reading_lines
 from identification.importing.sources import What
 from identification.importing.traces import trace_lines
-from identification.importing.words import LISTED, counted
+from identification.importing.words import LISTED
+from identification.results.terminal import counted
 
 WORDS: dict[What, str] = {
     "points": "measured",

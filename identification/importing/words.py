@@ -1,15 +1,10 @@
-"""Numbers of things and rows in words, as messages and notes of an import have them."""
+"""Rows in words, as messages and notes of an import have them."""
 
 from __future__ import annotations
 
 from errormodel.arrays import Index
 
 LISTED = 6  # rows in a line
-
-
-def counted(number: int, word: str) -> str:
-    """A number of things: 1 row, 2 rows."""
-    return f"{number} {word}{'s' * (number != 1)}"
 
 
 def row_ranges(rows: Index) -> str:

@@ -21,6 +21,7 @@ from identification.iso_standards.fitted import FittedMachine
 from identification.iso_standards.measured_lengths import BEAM_NOTE, ZERO_NOTE, lengths_of
 from identification.iso_standards.series import series_of
 from identification.iso_standards.targets import WORDS, Axis, as_json, axis_of, chart, of_readings, sheet
+from identification.results.terminal import counted
 
 if TYPE_CHECKING:
     from errormodel.machine import Machine
@@ -251,7 +252,7 @@ def remarks(series: Positions, axis: Axis) -> list[str]:
     # a longer axis is tested once from each side over its whole travel (5.3.3)
     usual = 1 if series.unit == "mm" and travel > LONGEST_TRAVEL else USUAL_RUNS
     if axis.runs < usual:
-        out.append(f"{name}: {axis.runs} run{'s' if axis.runs != 1 else ''} from each side; the standard has {usual}")
+        out.append(f"{name}: {counted(axis.runs, 'run')} from each side; the standard has {usual}")
     if axis.one_sided:
         out.append(f"{name}: {axis.one_sided}")
     if not axis.both:

@@ -20,6 +20,7 @@ from errormodel.joint_models import registry
 from errormodel.machine import Joint, Machine, Shape, Vector
 from identification.plots import style, symbols
 from identification.plots.space import VIEW, draw_machine
+from identification.results.terminal import counted
 
 CELL_WIDTH_IN, LINE_HEIGHT_IN = 1.3, 0.175  # inches: width of an element in the row, height of a line of text
 SPACE_HEIGHT_IN = 6.6  # inches: height of the drawing in space
@@ -52,7 +53,7 @@ def draw_chain(machine: Machine) -> Figure:
     page.axis("off")
     page.text(0.5, height - 0.55, machine.name, size=style.TITLE, weight="bold", color=style.INK, parse_math=False)
     counts = {"joint": len(machine.joints), "shape": len(machine.shapes), "error parameter": len(chain.machine_ids)}
-    summary = ", ".join(f"{n} {what}{'s' * (n != 1)}" for what, n in counts.items())
+    summary = ", ".join(counted(n, what) for what, n in counts.items())
     page.text(0.5, height - 0.92, summary, size=style.HEADING, color=style.MUTED)
     page.add_patch(Rectangle((0, SPACE_HEIGHT_IN), width, row, fc=style.PAPER, ec="none", zorder=0))
     _draw_row(page, columns, SPACE_HEIGHT_IN + row - 0.85, LINE_HEIGHT_IN * geometry_lines)

@@ -36,7 +36,7 @@ from identification.diagnosis.decisions.stages import (
     STAGES,
     UNTESTABLE,
 )
-from identification.results.terminal import table_lines
+from identification.results.terminal import counted, table_lines
 
 LARGE = 1e6  # a factor that is printed as a power of ten
 SHOWN, SHOWN_ASIDE = 6, 10  # candidates of a list, the first of many; those that a finding was preferred to
@@ -158,7 +158,7 @@ def _selection_lines(own: Sequence[Decision], history: History) -> Iterator[str]
         if scored:
             best = ", ".join(f"{_candidate(d)} {number(d.value)}" for d in scored[:3])
             examined = sum(d.outcome == "examined" for d in scored)
-            beside = f"beside {round_} effect{'s' * (round_ != 1)}" if round_ else "beside the geometry alone"
+            beside = f"beside {counted(round_, 'effect')}" if round_ else "beside the geometry alone"
             yield f"  {beside}: {len(scored)} candidates with a log Bayes factor, {examined} examined; the best {best}"
         for d in here:
             if d.rule not in ("candidate-score", "optimised-score") and d.outcome != "set aside":

@@ -1,4 +1,4 @@
-"""How lines of text are laid out for a terminal."""
+"""How lines of text are laid out for a terminal, and numbers of things in words."""
 
 from __future__ import annotations
 
@@ -8,6 +8,11 @@ from collections.abc import Iterator, Sequence
 def one_line(message: str) -> str:
     """A message as a terminal may show it: names in it are anybody's."""
     return "".join(c if c.isprintable() else " " for c in message)
+
+
+def counted(number: int, word: str) -> str:
+    """A number of things: 1 row, 2 rows."""
+    return f"{number} {word}{'' if number == 1 else 's'}"
 
 
 def table_lines(rows: Sequence[Sequence[str]], align: str, indent: int = 0, least: int = 0) -> Iterator[str]:

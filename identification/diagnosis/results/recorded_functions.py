@@ -250,24 +250,26 @@ def _cosines(values: Array, count: int, corner: float | None) -> Array:
 def alike_motions(linear: LinearModel, element: str, motion: str) -> list[tuple[str, Motion]]:
     """Motions of other moved joints that do the same to the rows as a motion of an element."""
     own = linear.levers[element][MOTIONS.index(motion)]
-    out = list[tuple[str, Motion]]()
-    for joint in linear.scene.moving:
-        for other, lever in zip(MOTIONS, linear.levers.get(joint.name, ()), strict=False):
-            sizes = float(own @ own) * float(lever @ lever)
-            if joint.name != element and float(own @ lever) ** 2 >= ALIKE * sizes > 0:
-                out.append((joint.name, other))
-    return out
+    least = ALIKE * float(own @ own)
+    return [
+        (joint, other)
+        for joint, other, unit in _unit_levers(linear)
+        if joint != element and float(unit @ own) ** 2 >= least > 0
+    ]
 
 
 def _levers(linear: LinearModel) -> Iterator[tuple[str, str, Array]]:
     """Element, motion and whitened effect (N,) of the motions of moved joints, each of those that are alike once."""
     seen = list[Array]()
+    for joint, motion, unit in _unit_levers(linear):
+        if len(seen) < MOST_MOTIONS and all(float(unit @ other) ** 2 < ALIKE for other in seen):
+            seen.append(unit)
+            yield joint, motion, unit * np.sqrt(len(unit))
+
+
+def _unit_levers(linear: LinearModel) -> Iterator[tuple[str, Motion, Array]]:
+    """Joint, motion and whitened effect (N,), of unit length, of each motion of moved joints that the rows show."""
     for joint in linear.scene.moving:
         for motion, lever in zip(MOTIONS, linear.levers.get(joint.name, ()), strict=False):
-            length = float(np.linalg.norm(lever))
-            if not length or len(seen) == MOST_MOTIONS:
-                continue
-            unit = lever / length
-            if all(float(unit @ other) ** 2 < ALIKE for other in seen):
-                seen.append(unit)
-                yield joint.name, motion, unit * np.sqrt(len(unit))
+            if length := float(np.linalg.norm(lever)):
+                yield joint.name, motion, lever / length

@@ -17,6 +17,7 @@ from identification.diagnosis.results.residual_dependence import Dependence
 from identification.diagnosis.results.wandering import wandering_text
 from identification.estimation.checks import FEW_DOF
 from identification.estimation.result import Fit, noise_bounds
+from identification.results.terminal import counted
 
 BINS = 8  # of each channel, in which to look for where most is left over
 LEAST_ROWS = 12  # of a bin
@@ -112,7 +113,7 @@ def _few(fit: Fit) -> str:
     low, high = (x * _length(fit) for x in noise_bounds(s.dof))
     more = int(np.ceil((FEW_DOF - s.dof) * rows / max(count, 1)))
     noise = f", by which the noise of a row is {low:.2g} to {high:.2g} um (95 %)" if s.dof > 0 else ""
-    left = f"{s.dof} degree{'' if s.dof == 1 else 's'} of freedom"
+    left = f"{counted(s.dof, 'degree')} of freedom"
     return (
         f"{NOT_JUDGED}: {count} measured values for {count - s.dof} unknowns leave {left}{noise}. "
         f"Measure at least {more} rows more like these, better {rows}, or declare fewer errors in machine.yaml"
