@@ -169,10 +169,8 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     if found.model.steps and not noise_checked and (more := gross_rows(found.final, log) & ~bad).any():
         bad = bad | more  # what was found had hidden them
         fit, found = again(bad)
-    without_courses = (
-        found.model
-    )  # beside which its names are judged: a course in time takes the place of what has none
-    earlier = {g[0].effect for g in without_courses.findings}
+    # what was found before courses in time is judged without them: they take the place of what has no name
+    earlier = {g[0].effect.key: (found.model, g) for g in found.model.findings}
     found, dependence = with_courses(found, changes, progress, log)
     model, final, first = found.model, found.final, found.first
     fits = [*before, mended]
@@ -181,8 +179,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     functions = recorded(model.start, np.unique(model.start.index)) if model.findings else []
     for g in model.findings:
         cause = _finding(g, model, final, found.before, first, found.witnessed.get(g[0].effect, []), log)
-        beside = without_courses if g[0].effect in earlier else model
-        causes.append(checked_alternative(cause, beside, g, functions, log))
+        causes.append(checked_alternative(cause, *earlier.get(g[0].effect.key, (model, g)), functions, log))
     nameless = [g[0].effect for g, cause in zip(model.findings, causes, strict=True) if cause.nameless]
     final = known_where_recorded(final, model, first, nameless)
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)

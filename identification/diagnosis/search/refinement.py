@@ -185,10 +185,9 @@ def refinement_of(model: EffectModel, step: Step) -> tuple[int | None, str]:
 
 
 def is_course(effect: Effect) -> bool:
-    """Whether an effect is a curve or a jump of one motion in time, which is no form that leaves something over."""
-    if not (isinstance(effect, Unnamed) and {*effect.drivers} <= {*CLOCKS}):
-        return False
-    return effect.pieces is not None or effect.edge is not None
+    """Whether an effect is a curve of one motion in time, which is no form that leaves something over."""
+    curve = isinstance(effect, Unnamed) and effect.pieces is not None and effect.period is None
+    return curve and {*effect.drivers} <= {*CLOCKS}
 
 
 def distinct(one: Effect, other: Effect) -> bool:
