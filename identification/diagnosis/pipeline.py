@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from errormodel.arrays import Array, Mask
+from errormodel.conventions import Motion
 from errormodel.effects.base import Effect
 from errormodel.effects.unnamed import Unnamed
 from errormodel.exceptions import InputError
@@ -46,6 +47,7 @@ from identification.diagnosis.results.findings import (
     Finding,
     HeldOut,
     alternatives_of,
+    elsewhere,
     log_names,
     look_alikes,
     motions_of,
@@ -280,6 +282,8 @@ def _finding(
     known = {(a.effect, a.where): a.probability for a in others}
     alike = sorted(look_alikes(step), key=lambda e: -(known.get((e.effect, e.where)) or 0.0))
     names = [named(subject(e), known.get((e.effect, e.where))) for e in alike]
+    same = _same_motions(main, model.start)
+    others += [a for a in elsewhere(main, same) if (a.effect, a.where) not in known]
     statement = statement_of(whole, machine, hidden, probability, names)
     at = getattr(main, "at", None) if "time" in main.drivers else None
     finding = Finding(
@@ -291,7 +295,7 @@ def _finding(
         time=[float(at)] if at is not None else None,
         period=period_of(main, machine),
         periods=periods_of(main, machine),
-        statement=" ".join((statement, *(f"{t}." for t in results), *_alike(main, model.start, machine))),
+        statement=" ".join(filter(None, (statement, *(f"{t}." for t in results), alike_of(same, machine)))),
         parameters=whole.amounts,
         probability=probability,
         p_value=p_value_of(step),
@@ -307,12 +311,11 @@ def _finding(
     return checked_name(finding, whole, final, log)
 
 
-def _alike(main: Effect, linear: LinearModel, machine: Machine) -> list[str]:
-    """Of what has no name, other motions that would be the same to the tip, in words."""
+def _same_motions(main: Effect, linear: LinearModel) -> list[tuple[str, Motion]]:
+    """Of what has no name, other elements and motions that would be the same to the tip."""
     if not isinstance(main, Unnamed) or main.element not in linear.levers:
         return []
-    text = alike_of(alike_motions(linear, main.element, main.motion), machine)
-    return [text] if text else []
+    return alike_motions(linear, main.element, main.motion)
 
 
 def _of_one_cause(group: Sequence[Step]) -> list[Effect]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.conventions import Motion
 from errormodel.effects import registry
 from errormodel.effects.axis_blunder import AxisBlunder
 from errormodel.effects.base import Effect
@@ -200,6 +201,15 @@ def alternatives_of(step: Step, linear: LinearModel, probability: float, most: i
         why = preference(step, alternative) if factor > BETTER else ""
         out.append(Alternative(*key, factor, abs(factor) > SEPARABLE, *more, own, why))
     return sorted(out, key=lambda a: -1.0 if a.probability is None else -a.probability)
+
+
+def elsewhere(main: Effect, motions: Sequence[tuple[str, Motion]]) -> list[Alternative]:
+    """The same effect at other elements, whose `motions` (of element) the data do not distinguish from its own."""
+    places = dict.fromkeys(element for element, _ in motions)
+    return [
+        Alternative(main.effect, place, 0.0, False, [m for e, m in motions if e == place], [*main.drivers])
+        for place in places
+    ]
 
 
 def log_names(log: DecisionLog, main: Effect, probability: float, others: Sequence[Alternative]) -> None:
