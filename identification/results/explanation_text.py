@@ -170,8 +170,8 @@ def _against_lines(own: Sequence[Decision]) -> Iterator[str]:
     rules = list(dict.fromkeys(d.rule for d in own))
     values: dict[tuple[str, str], dict[str, float | None]] = {}
     for d in own:
-        nameless = d.compared_with != "" and "@" not in d.compared_with  # a motion by a channel, beside the name
-        pair = (d.place, d.compared_with) if nameless else (d.compared_with or d.place, d.place)
+        # an alternative is compared with its finding; a finding, if with anything, with a motion by a channel
+        pair = (d.compared_with, d.place) if d.outcome == "compared" else (d.place, d.compared_with or d.place)
         values.setdefault(pair, {}).setdefault(d.rule, d.value)
     rows = [["", *rules]]
     for (finding, place), known in sorted(values.items(), key=lambda v: v[0][0]):

@@ -18,7 +18,7 @@ from identification.diagnosis.results.findings import probability_of
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.conditional_evidence import conditional_scores
 from identification.diagnosis.search.forward_selection import forward_select, reselect
-from identification.diagnosis.search.model import log_posterior, replayed
+from identification.diagnosis.search.model import replayed
 from identification.diagnosis.search.model_comparison import compare_alternatives, empirical_evidence
 from identification.diagnosis.search.refinement import refined
 from identification.diagnosis.search.scoring import Step
@@ -34,7 +34,7 @@ def test_a_story_gains_by_what_is_there_and_loses_by_what_is_not() -> None:
     linear = set_up(fit_machine(machine, showing(survey, machine, [(truth, [0.005])], 0.003)))
 
     def told(*specs: EffectSpec) -> float:
-        return log_posterior(replayed(linear, [Step(make(s), 0.0, 0.0, 0.0, names=1000) for s in specs]))
+        return replayed(linear, [Step(make(s), 0.0, 0.0, 0.0, names=1000) for s in specs]).log_posterior
 
     play = EffectSpec("backlash", {"joint": "X"})
     assert told() == 0
@@ -47,7 +47,7 @@ def test_of_two_models_alike_the_one_whose_effect_has_fewer_places_is_likelier()
     machine = read_machine("bridge_cmm")
     linear = set_up(fit_machine(machine, empty_survey(machine, 200, 3, channels=False, grid=False)))
     play = make(EffectSpec("backlash", {"joint": "X"}))
-    few, many = (log_posterior(replayed(linear, [Step(play, 0.0, 0.0, 0.0, names=40, places=n)])) for n in (3, 60))
+    few, many = (replayed(linear, [Step(play, 0.0, 0.0, 0.0, names=40, places=n)]).log_posterior for n in (3, 60))
     assert few - many == pytest.approx(np.log(20))
     pair = replayed(linear, [Step(play, 0.0, 0.0, 0.0, names=40, places=3, partner=(play,))])
     assert [s.log_prior for s in pair.steps] == [-np.log(120)] * 2

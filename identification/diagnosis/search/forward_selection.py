@@ -24,7 +24,6 @@ from identification.diagnosis.search.criteria import base_channels, heldout_rms,
 from identification.diagnosis.search.model import (
     EffectModel,
     fitted_of_groups,
-    log_posterior,
     of_groups,
     replayed,
     with_step,
@@ -101,7 +100,7 @@ def forward_select(
     else:
         log.add("most-steps", "refused", None, len(model.steps), MOST_STEPS)
     model = backward_eliminate(model, candidates, log)
-    asked = least is None or log_posterior(model) > least
+    asked = least is None or model.log_posterior > least
     return conditional_scores(model, candidates, log) if asked else model
 
 
@@ -355,8 +354,8 @@ def reselect(
             continue
         rest = [s for s in more if s.effect.key != best.effect.key]
         others = of_groups(model.start, [g for g in groups if g is not group])
-        trial = max((_with(others, own) for own in ([], [best], [best, *rest])), key=log_posterior)
-        gain = log_posterior(trial) - log_posterior(model)
+        trial = max((_with(others, own) for own in ([], [best], [best, *rest])), key=lambda m: m.log_posterior)
+        gain = trial.log_posterior - model.log_posterior
         log.add("reselection", "replaced" if gain > 0 else "kept", old.effect, gain, 0.0, beside=best.effect)
         if gain > 0:
             return trial

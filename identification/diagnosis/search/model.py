@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -34,6 +35,20 @@ class EffectModel:
     def without(self, group: Sequence[Step]) -> LinearModel:
         """The linear model with all steps but those of a group."""
         return self.start.with_effects([s.effect for s in self.steps if s not in group])
+
+    @cached_property
+    def log_posterior(self) -> float:
+        """Log evidence of all effects together, under correlated noise, with the log prior of each."""
+        effects = [s.effect for s in self.steps]
+        linear, total = self.start, 0.0
+        for curve in (e for e in effects if e.random):
+            total += linear.random(linear.columns(curve)[0]).best()[1]
+            linear = linear.with_effect(curve)
+        # named effects first: the first one's prior sizes are used
+        if rest := sorted((e for e in effects if not e.random), key=lambda e: e.empirical):
+            [(_, evidence)] = coloured.evidence(linear, [rest])
+            total += evidence
+        return total + sum(s.log_prior for s in self.steps)
 
 
 def replayed(start: LinearModel, steps: Sequence[Step]) -> EffectModel:
@@ -102,17 +117,3 @@ def with_estimated_sizes(model: EffectModel) -> list[Effect]:
                 effect = effect.model_copy(update={"size": float(f"{size:.4g}")})
         out.append(effect)
     return out
-
-
-def log_posterior(model: EffectModel) -> float:
-    """Log evidence of all effects of a model together, under correlated noise, with the log prior of each."""
-    effects = [s.effect for s in model.steps]
-    linear, total = model.start, 0.0
-    for curve in (e for e in effects if e.random):
-        total += linear.random(linear.columns(curve)[0]).best()[1]
-        linear = linear.with_effect(curve)
-    # named effects first: the first one's prior sizes are used
-    if rest := sorted((e for e in effects if not e.random), key=lambda e: e.empirical):
-        [(_, evidence)] = coloured.evidence(linear, [rest])
-        total += evidence
-    return total + sum(s.log_prior for s in model.steps)

@@ -23,7 +23,7 @@ from identification.diagnosis.search.candidates import Candidates, score_of
 from identification.diagnosis.search.conditional_evidence import MOST_EXAMINED
 from identification.diagnosis.search.criteria import heldout_rms, one_sensor
 from identification.diagnosis.search.forward_selection import MOST_STEPS, forward_select
-from identification.diagnosis.search.model import EffectModel, log_posterior, replayed, steps_of
+from identification.diagnosis.search.model import EffectModel, replayed, steps_of
 from identification.diagnosis.search.refinement import apart, distinct
 from identification.diagnosis.search.scoring import Step, choose
 from identification.diagnosis.search.shape_fit import optimise_shapes
@@ -60,7 +60,7 @@ def compare_alternatives(
     begin = [first for k, (first, end) in enumerate(zip(begin, ends, strict=True)) if not k or end <= MOST_STEPS]
     logs = [log.branch(k) for k in range(1, len(begin) + 1)]
     best = model
-    most = log_posterior(model)
+    most = model.log_posterior
     lowest = most - CLEARLY
     with progress("Comparing alternative models"):
         found = parallel_map(
@@ -74,7 +74,7 @@ def compare_alternatives(
     chosen = log.search
     for own, steps in zip(logs, found, strict=True):
         other = replayed(model.start, steps)
-        value = log_posterior(other)
+        value = other.log_posterior
         # near-ties go to the model that rests half as much on empirical terms
         least = most + (CLEARLY if 2 * empirical_evidence(other) + CLEARLY > empirical_evidence(best) else -CLEARLY)
         least = max(least, lowest)
