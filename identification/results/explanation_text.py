@@ -17,6 +17,7 @@ from identification.diagnosis.decisions.fates import (
     FOUND,
     LOW,
     MERGED,
+    NAMELESS,
     NEVER,
     PREFERENCES,
     REFUSED,
@@ -43,6 +44,7 @@ SHOWN, SHOWN_ASIDE = 6, 10  # candidates of a list, the first of many; those tha
 WHY = {
     FOUND: "was found",
     DATA_CHECK: "was found by a check of the data, before any effect was looked for",
+    NAMELESS: "was found, and its name refused: the finding is {by}",
     ALTERNATIVE: "was not chosen: it is another explanation of {by}",
     MERGED: "was accepted as part of {by}, not as a finding of its own",
     CONTRADICTED: "was found by its evidence, and a witness contradicts it",
@@ -235,10 +237,13 @@ def _finding_lines(fate: Fate, history: History, diagnosis: Mapping[str, Any]) -
         yield f"  held-out error, linearised, beside all other findings: {before} um rms without it, {after} um with it"
     if fate.word == DATA_CHECK:
         return
+    form = fate.explained_by[0] if fate.explained_by else fate.place
+    if form != fate.place:
+        yield f"it was found in the form of {form}, whose name was refused; what follows is about that form"
     aside = [
         d
         for d in history.decisions
-        if d.rule in PREFERENCES and d.outcome == "set aside" and d.compared_with == fate.place and d.effect
+        if d.rule in PREFERENCES and d.outcome == "set aside" and d.compared_with == form and d.effect
     ]
     if aside:
         yield "why it was preferred"
@@ -249,7 +254,7 @@ def _finding_lines(fate: Fate, history: History, diagnosis: Mapping[str, Any]) -
             yield from table_lines(rows[:SHOWN_ASIDE], "<><", indent=4)
             if len(rows) > SHOWN_ASIDE:
                 yield f"    and {len(rows) - SHOWN_ASIDE} more"
-    until = min((d.round for d in history.added if d.place == fate.place), default=None)
+    until = min((d.round for d in history.added if d.place == form), default=None)
     tests = [
         d
         for d in fate.deciding
@@ -260,7 +265,7 @@ def _finding_lines(fate: Fate, history: History, diagnosis: Mapping[str, Any]) -
     yield "its tests"
     said: set[str] = set()
     yield from (f"  {decision_line(d, said)}" for d in tests)
-    into = [d for d in history.decisions if d.outcome == "merged" and d.compared_with == fate.place]
+    into = [d for d in history.decisions if d.outcome == "merged" and d.compared_with == form]
     parts = {d.place for d in into if d.rule in ACCEPTED_BY}
     merged = [d for d in into if d.place in parts]
     if merged:
@@ -270,7 +275,7 @@ def _finding_lines(fate: Fate, history: History, diagnosis: Mapping[str, Any]) -
         d
         for d in history.decisions
         if RULES[d.rule].stage in (CONDITIONAL, NAMES)
-        and (d.compared_with == fate.place or (d.place == fate.place and d.outcome == "kept"))
+        and (d.compared_with == form or (d.place == form and d.outcome in ("kept", "refused")))
     ]
     yield "against its alternatives"
     yield from _against_lines(own)

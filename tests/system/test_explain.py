@@ -11,8 +11,12 @@ import pandas as pd
 import pytest
 
 from errormodel import simulate
+from errormodel.effects.station_shift import StationShift
+from errormodel.effects.unnamed import Unnamed
 from errormodel.machine_library import library
 from identification import diagnose, explain
+from identification.diagnosis.decisions.fates import FOUND, NAMELESS, History
+from identification.diagnosis.decisions.log import DecisionLog
 from tests.helpers.commands import MILL, Done, done, fitted_mill, run
 from tests.helpers.interferometer import MILL as SMALL_MILL
 from tests.helpers.interferometer import positioning, written
@@ -247,3 +251,20 @@ def test_a_diagnosis_without_a_manifest_is_judged_by_what_it_holds(gantry: Path,
     refused(run("explain", tmp_path / "d"), "errormodel.diagnosis/9")
     diagnosis.write_text(held.replace('"noise_um":', '"noise_um": NaN, "was":'), encoding="utf-8")
     refused(run("explain", tmp_path / "d"), "diagnosis.json, key noise_um", "not finite")
+
+
+def test_a_name_that_was_refused_is_told_from_what_was_found() -> None:
+    """A motion that jumps at one time was found in the form of a station that moved, which it is not."""
+    log, shift, none = DecisionLog(), StationShift(at=100.0), Unnamed(element="frame", motion="dz", driver="time")
+    log.add("candidate-score", "examined", shift, 500.0)
+    log.add("candidate-score", "scored", none, 0.7)
+    log.add("cross-validation", "added", shift, 0.5, 1.0)
+    log.begin(1)
+    log.add("name-probability", "kept", shift, 0.95)
+    log.add("nameless-alternative", "refused", shift, -4.0, 0.0, beside="dz of X by time")
+    history = History(log, [("unnamed", "frame")])
+    name, found = history.fate("station-shift", "frame"), history.fate("unnamed", "frame")
+    assert (name.word, name.explained_by) == (NAMELESS, ("unnamed@frame",))
+    assert (found.word, found.explained_by) == (FOUND, ("station-shift@frame",))
+    assert found.first is not None
+    assert found.first.value == 500.0

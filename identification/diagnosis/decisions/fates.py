@@ -7,16 +7,18 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from errormodel.effects.unnamed import Unnamed
 from identification.diagnosis.decisions.constants import LEAST_EVIDENCE
 from identification.diagnosis.decisions.log import MAIN, Decision
 from identification.diagnosis.decisions.rules import RULES
-from identification.diagnosis.decisions.stages import PROPOSALS, SELECTION, UNTESTABLE, WITNESSES
+from identification.diagnosis.decisions.stages import NAMES, PROPOSALS, SELECTION, UNTESTABLE, WITNESSES
 
 Place = tuple[str, str]  # effect and where
+UNNAMED = Unnamed.effect
 SCORES = ("candidate-score", "optimised-score")
 PREFERENCES = ("near-tie", "most-evidence", "empirical-lead")
 ACCEPTED_BY = ("cross-validation", "second-sensor")  # rules that make something part of a finding
-FOUND, DATA_CHECK = "found", "found by a check of the data"
+FOUND, DATA_CHECK, NAMELESS = "found", "found by a check of the data", "found, and its name refused"
 ALTERNATIVE, MERGED, CONTRADICTED, TAKEN_OUT = "alternative", "part of a finding", "contradicted", "taken out"
 REFUSED, BEHIND, EXPLAINED, LOW = "refused", "not preferred", "explained", "too little evidence"
 NEVER, ABSENT = "not considered", "no candidate"
@@ -83,6 +85,16 @@ class History:
         return out
 
     @cached_property
+    def refused_names(self) -> dict[Place, list[Decision]]:
+        """What was found, and is without a name by these decisions."""
+        refused = {
+            place: [d for d in own if RULES[d.rule].stage == NAMES and d.outcome == "refused"]
+            for place, own in self.of_place.items()
+            if place not in self.findings and (UNNAMED, place[1]) in self.findings
+        }
+        return {place: own for place, own in refused.items() if own}
+
+    @cached_property
     def added(self) -> list[Decision]:
         """The effects that were accepted, in their order."""
         accepted = [d for d in self.decisions if d.rule == "cross-validation" and d.outcome in ("added", "merged")]
@@ -99,16 +111,22 @@ class History:
 
     def fate(self, effect: str, where: str) -> Fate:
         """What became of a candidate."""
+        found = (effect, where) in self.findings
         own = self.of_place.get((effect, where), [])
-        first = self.first_scores.get((effect, where))
+        named = any(d.rule == "name-probability" and d.outcome == "kept" for d in own)
+        refused = [place for place in self.refused_names if found and not named and place[1] == where]
+        form = refused[0] if refused else (effect, where)  # what has no name may have been found in the form of one
+        own, first = self.of_place.get(form, []), self.first_scores.get(form)
         last = self._last_score(own) or first
 
         def fate(word: str, deciding: Iterable[Decision] = (), explained_by: Iterable[str] = ()) -> Fate:
             return Fate(effect, where, word, tuple(deciding), tuple(explained_by), first, last)
 
-        if (effect, where) in self.findings:
-            named = any(d.rule == "name-probability" and d.outcome == "kept" for d in own)
-            return fate(FOUND if named else DATA_CHECK, [d for d in own if d.rule != "candidate-score"])
+        if found:
+            tests = [d for d in own if d.rule != "candidate-score"]
+            return fate(FOUND if named or refused else DATA_CHECK, tests, [f"{e}@{w}" for e, w in refused[:1]])
+        if (effect, where) in self.refused_names:
+            return fate(NAMELESS, self.refused_names[effect, where], [f"{UNNAMED}@{where}"])
         witness = [d for d in own if RULES[d.rule].stage == WITNESSES]
         if any(d.outcome == "removed" for d in witness):
             return fate(CONTRADICTED, witness)
@@ -125,14 +143,14 @@ class History:
             return fate(ALTERNATIVE, [*aside, *taken, *compared], others)
         if taken:
             return fate(TAKEN_OUT, taken, dict.fromkeys(d.compared_with for d in taken if d.compared_with))
-        refused = [d for d in own if d.outcome == "refused"]
+        failed = [d for d in own if d.outcome == "refused"]
         unseen = [d for d in own if RULES[d.rule].stage in (UNTESTABLE, PROPOSALS)]
-        if refused and refused[-1].rule != "least-evidence":
-            return fate(REFUSED, refused[-3:])
+        if failed and failed[-1].rule != "least-evidence":
+            return fate(REFUSED, failed[-3:])
         if first and last and (last.value or 0.0) >= LEAST_EVIDENCE:
-            refused = [d for d in self.decisions if d.round == last.round and d.outcome == "refused"]
+            failed = [d for d in self.decisions if d.round == last.round and d.outcome == "refused"]
             aside = [d for d in own if d.outcome == "set aside" and d.round == last.round]
-            return fate(BEHIND, [last, *aside, *refused])
+            return fate(BEHIND, [last, *aside, *failed])
         if first and last and (first.value or 0.0) >= LEAST_EVIDENCE:
             return fate(EXPLAINED, [first, last], self._added_between(own, first))
         if unseen and (first is None or any(RULES[d.rule].stage == UNTESTABLE for d in unseen)):
