@@ -80,7 +80,7 @@ def _known(effect: Effect, number: int, fit: Fit) -> dict[str, object]:
             if _jumps_once(curves.values()):
                 length = 1 / 3
             elif name in CLOCKS:
-                length, wider = of_markov_process(max((c for own in curves.values() for c in own), key=np.var))
+                wider = later_spread(max((c for own in curves.values() for c in own), key=np.var))
             within.append((name, low, high, _short(length * (high - low))))
     return (
         {"within": tuple(within), "spread": tuple((*p, _short(wider * std)) for p, std in spread.items())}
@@ -99,12 +99,12 @@ def _jumps_once(curves: Iterable[Array]) -> bool:
     return int(np.count_nonzero(moved)) == 1
 
 
-def of_markov_process(curve: Array) -> tuple[float, float]:
-    """Correlation length of a motion (steps,) in time, as a share of it, and how much more it moves later than it did.
+def later_spread(curve: Array) -> float:
+    """How much farther a motion (steps,) will be from its mean than it was, if it is a stationary Markov process.
 
     Of an Ornstein-Uhlenbeck process each value is ``exp(-h/l)`` times that a distance h before, and what is new; mean
-    and variance are marginalised (normal, inverse gamma, Jeffreys' prior), and the geometric means over the lengths,
-    with a log-uniform prior, are taken. In so short a time a process with a long memory is nearer to its own mean than
+    and variance are marginalised (normal, inverse gamma, Jeffreys' prior), and the geometric mean over the lengths,
+    with a log-uniform prior, is taken. In so short a time a process with a long memory is nearer to its own mean than
     to its true one, which is as uncertain as later values are.
     """
     values = curve[:: (len(curve) - 1) // SAMPLES]
@@ -120,8 +120,7 @@ def of_markov_process(curve: Array) -> tuple[float, float]:
     posterior = np.exp(log - log.max())
     posterior /= posterior.sum()
     variance = left / (last - 2) * (1 + 1 / weight)
-    length, later = (float(np.exp(posterior @ np.log(x))) for x in (lengths, variance))
-    return length, float(np.sqrt(later) / np.std(curve))
+    return float(np.exp(posterior @ np.log(variance) / 2) / np.std(curve))
 
 
 def _short(value: float) -> float:
