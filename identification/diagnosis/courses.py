@@ -18,16 +18,17 @@ from identification.diagnosis.extension import Explanation, that_predicts
 from identification.diagnosis.jumps import jump_of
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.row_residuals import noise_mm, spread
+from identification.diagnosis.results.nameless_alternative import refusal
 from identification.diagnosis.results.nameless_evidence import best_of
-from identification.diagnosis.results.recorded_functions import wandering
+from identification.diagnosis.results.recorded_functions import recorded, wandering
 from identification.diagnosis.results.residual_dependence import Dependence, dependence_of
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.conditional_evidence import in_correlated_noise
 from identification.diagnosis.search.forward_selection import add_best, forward_select
+from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.proposals import proposed
 from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.search.shape_fit import scored
-from identification.estimation.result import Fit
 from identification.runtime.progress import Progress
 
 PIECES = 16  # intervals of the survey's time, of a curve
@@ -44,57 +45,88 @@ def with_courses(
     ----------
     changes : effects that mend blunders.
     """
-    for number in range(MOST_COURSES + 1):
-        with progress("Testing what is left"):
-            components = 3 if found.final.fitted.n else 1
-            left = dependence_of(found.model.linear, 1e3 * noise_mm(found.before), log, components, found.wave)
-        linear = found.model.linear
-        if left is None or linear.scene.clock not in left.channels or number == MOST_COURSES:
-            break
+    earlier = {g[0].effect.key for g in found.model.findings}
+    for _ in range(MOST_COURSES):
+        left, linear = _left(found, progress, log), found.model.linear
+        if left is None or linear.scene.clock not in left.channels:
+            return _named_only(found, earlier, left, changes, progress, log)
         _, _, most = best_of(linear, wandering(linear, np.unique(linear.index)))
-        if most is None:
-            break
         log.begin(len(found.model.steps))
-        step = _course(linear, most.element, most.motion)
+        step = None if most is None else _course(linear, most.element, most.motion)
         longer = None if step is None else add_best(found.model, ([step], step), log)
-        if longer is None:
-            break
-        with progress("Fitting the extended machine"):
-            model, final, _ = that_predicts(found.before, longer, found.survey, changes, log)
-        if not _no_worse(final, found.final, longer.steps[-1].effect, log):
-            break
-        found = _with_more(replace(found, model=model, final=final), changes, progress, log)
-    return found, left
+        further = None if longer is None else _fitted(found, longer, longer.steps[-1].effect, changes, progress, log)
+        if further is None:
+            return _named_only(found, earlier, left, changes, progress, log)
+        found = _with_more(further, changes, progress, log)
+    return _named_only(found, earlier, _left(found, progress, log), changes, progress, log)
 
 
-def _no_worse(fit: Fit, before: Fit, effect: Effect, log: DecisionLog) -> bool:
-    """Whether rows left out are predicted no worse with an effect than before it was added."""
-    errors = [spread(f, heldout=True).rms_um or 0.0 for f in (fit, before)]
-    if errors[0] > NO_WORSE * errors[1]:
-        log.add("prediction-made-worse", "removed", effect, ratio(*errors), NO_WORSE)
-        return False
-    return True
+def _left(found: Explanation, progress: Progress, log: DecisionLog) -> Dependence | None:
+    """On what it depends what is left."""
+    with progress("Testing what is left"):
+        components = 3 if found.final.fitted.n else 1
+        return dependence_of(found.model.linear, 1e3 * noise_mm(found.before), log, components, found.wave)
+
+
+def _fitted(
+    found: Explanation,
+    model: EffectModel,
+    new: Effect | None,
+    changes: Sequence[Effect],
+    progress: Progress,
+    log: DecisionLog,
+) -> Explanation | None:
+    """What was found with another model; None where rows left out are predicted worse with what is new in it."""
+    with progress("Fitting the extended machine"):
+        model, final, larger = that_predicts(found.before, model, found.survey, changes, log)
+    errors = [spread(f, heldout=True).rms_um or 0.0 for f in (final, found.final)]
+    if new is not None and (larger or errors[0] > NO_WORSE * errors[1]):
+        log.add("prediction-made-worse", "removed", new, ratio(*errors), NO_WORSE)
+        return None
+    return replace(found, model=model, final=final)
 
 
 def _with_more(found: Explanation, changes: Sequence[Effect], progress: Progress, log: DecisionLog) -> Explanation:
-    """What was found, and what else is seen beside a course: it was noise to all else, and correlated at that.
+    """What was found, and what else with a name is seen beside a course: it was noise to it, and correlated at that.
 
-    What time alone drives is not looked for: the course follows it as well.
+    What time alone drives is not looked for: the course follows it as well. What has no name is what it leaves.
     """
     start = found.model.start
     candidates = Candidates.of(start, [e for e in proposed(start) if not {*e.drivers} <= {*CLOCKS}])
     candidates.scores(start)
-    more = forward_select(start, candidates, progress, found.model.steps, log)
+    more = in_correlated_noise(forward_select(start, candidates, progress, found.model.steps, log), log)
     del candidates
     known = {g[0].effect.key for g in found.model.findings}
-    new = [g[0].effect for g in more.findings if g[0].effect.key not in known]
-    if not new or len(more.findings) < len(known) + len(new):  # a course gives way to no name
+    kept = [g for g in more.findings if g[0].effect.key in known]
+    new = [g for g in more.findings if g[0].effect.key not in known and not g[0].effect.empirical]
+    if not new or len(kept) < len(known):  # a course gives way to no name
         return found
-    with progress("Fitting the extended machine"):
-        model, final, larger = that_predicts(found.before, in_correlated_noise(more, log), found.survey, changes, log)
-    if larger or not _no_worse(final, found.final, new[0], log):
-        return found
-    return replace(found, model=model, final=final)
+    return _fitted(found, of_groups(start, [*kept, *new]), new[0][0].effect, changes, progress, log) or found
+
+
+def _named_only(
+    found: Explanation,
+    earlier: set[tuple[object, ...]],
+    left: Dependence | None,
+    changes: Sequence[Effect],
+    progress: Progress,
+    log: DecisionLog,
+) -> tuple[Explanation, Dependence | None]:
+    """What was found, without what was seen beside courses and has no name beside all of them; and what is left.
+
+    Parameters
+    ----------
+    earlier : keys of what was found before.
+    """
+    model = found.model
+    new = [g for g in model.findings if g[0].effect.key not in earlier and not g[0].effect.empirical]
+    functions = recorded(model.start, np.unique(model.start.index)) if new else []
+    refused = [g for g in new if refusal(model, g, functions, log) is not None]
+    if not refused:
+        return found, left
+    fewer = of_groups(model.start, [g for g in model.findings if not any(g[0] is r[0] for r in refused)])
+    found = _fitted(found, fewer, None, changes, progress, log) or found
+    return found, _left(found, progress, log)
 
 
 def _course(linear: LinearModel, element: str, motion: str) -> Step | None:

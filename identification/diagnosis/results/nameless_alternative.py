@@ -34,18 +34,26 @@ DEPARTURE_COST = max(DEPARTURES.values()) / max(DEPARTURES)
 def checked_alternative(
     finding: Finding, model: EffectModel, group: Sequence[Step], functions: Sequence[Functions], log: DecisionLog
 ) -> Finding:
-    """The finding without its name where one of the `functions` has more evidence, or leaves as much beside it."""
+    """The finding without its name where this is refused (`refusal`)."""
     main = group[0].effect
-    if main.empirical or finding.nameless:
+    if main.empirical or finding.nameless or (reason := refusal(model, group, functions, log)) is None:
         return finding
+    without_name = nameless(finding, reason)
+    if probability_of(group[0]) >= EVEN:
+        return without_name
+    name = Alternative(main.effect, main.where, 0.0, False, finding.motion, finding.driver, finding.probability)
+    without_name = replace(without_name, probability=sum(probabilities_of(group[0]).values()))  # that there is one
+    return replace(without_name, alternatives=[name, *finding.alternatives])
+
+
+def refusal(model: EffectModel, group: Sequence[Step], functions: Sequence[Functions], log: DecisionLog) -> str | None:
+    """Why a finding of a model has no name: one of the `functions` has more evidence, or leaves as much beside it."""
+    main = group[0].effect
     if main.random:  # a curve of its own joint's position has this name
         functions = [f for f in functions if f.channels != main.drivers]
     if (probability := probability_of(group[0])) < EVEN:
         log.add("unlikely-name", "refused", main, probability, EVEN)
-        name = Alternative(main.effect, main.where, 0.0, False, finding.motion, finding.driver, finding.probability)
-        without_name = nameless(finding, "other explanations together are likelier")
-        without_name = replace(without_name, probability=sum(probabilities_of(group[0]).values()))  # that there is one
-        return replace(without_name, alternatives=[name, *finding.alternatives])
+        return "other explanations together are likelier"
     without = model.without(group)
     effects = [s.effect for s in group if _one_name(main, s.effect)]
     evidence, form = _of_any_size(without, effects)
@@ -57,7 +65,7 @@ def checked_alternative(
     if left and further - trials > DETECT and (not large or evidence_in_any_noise(form, left) - trials > DETECT):
         log.add("remainder-of-name", "refused" if large else "kept", main, explained / own, MUCH, beside=_words(left))
         if large:
-            return nameless(finding, f"beside it as much is left, without a name ({_words(left)})")
+            return f"beside it as much is left, without a name ({_words(left)})"
     courses = in_one_motion(without, effects)
     single, _, motion = best_of(without, courses)
     single -= float(np.log(max(len(courses), 1)))  # each of these motions is as likely
@@ -67,7 +75,7 @@ def checked_alternative(
     departure = DEPARTURE_COST * float(np.sqrt(explained / own))
     lead = evidence + max(further - departure, 0.0) - instead + NAME_ODDS
     log.add("nameless-alternative", "kept" if lead > 0 else "refused", main, lead, 0.0, beside=_words(best))
-    return finding if lead > 0 else nameless(finding, f"a function without a name explains as much ({_words(best)})")
+    return None if lead > 0 else f"a function without a name explains as much ({_words(best)})"
 
 
 def without_wanderers(model: EffectModel, log: DecisionLog) -> EffectModel:
