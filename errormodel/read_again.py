@@ -12,8 +12,9 @@ from errormodel.path_steps import STANDS, PathSteps
 def read_again(position: Array, tool: Array, joint: int, series: Index) -> list[tuple[Mask, Mask]]:
     """Rows that may be readings from the other side: in a pilgrim step (ISO 230-2) the order of rows does not show it.
 
-    A target is approached from one side, overrun, and approached from the other side. Of its readings the later half
-    is from the other side, or every second one, where the joint moves along the line of the targets.
+    A target is approached from one side, overrun, and approached from the other side. Its readings are from one side
+    and then from the other, alternate, or are in the order ABBA, which takes a drift out; and the next target begins
+    with the same side, or with that with which this one ended.
 
     Parameters
     ----------
@@ -24,7 +25,8 @@ def read_again(position: Array, tool: Array, joint: int, series: Index) -> list[
 
     Returns
     -------
-    Distinct masks (n,) of such rows, each with all the rows of these targets, which have an even number of readings.
+    Distinct masks (n,) of such rows, each with all the rows of these targets, which are on lines along which the joint
+    moves, and are read equally often.
     """
     other = np.append(False, (np.abs(np.diff(tool, axis=0)) > STANDS).any(axis=1))
     path = PathSteps.of(position, series + (series.max(initial=0) + 1) * np.cumsum(other))
@@ -33,6 +35,12 @@ def read_again(position: Array, tool: Array, joint: int, series: Index) -> list[
     begins, step = line_starts(position, series), np.abs(path.steps[:, joint]) > STANDS
     leads, leaves = step[:-1], step[1:]
     came = np.where(np.append(False, path.joined), leads, leaves)[place]
-    even = (counts % 2 == 0) & np.where(begins.any(axis=1), begins[:, joint] != 0, came)
-    rows = [again & even for again in (nth >= counts // 2, nth % 2 == 1)]
-    return [(r, even) for r in rows[: 1 if (rows[0] == rows[1]).all() else 2] if r.any()]
+    on_line = np.where(begins.any(axis=1), begins[:, joint] != 0, came) & (counts > 1)
+    if not on_line.any():
+        return []
+    usual = int(np.bincount(counts[on_line & (nth == 0)]).argmax())
+    seen = on_line & (counts == usual)
+    odd = np.cumsum(seen & (nth == 0)) % 2 == 0
+    orders = [nth >= k for k in range(1, usual)] + [nth % 2 == 1, np.isin(nth % 4, (1, 2))]
+    masks = [seen & turned for own in orders for turned in (own, own ^ odd)]
+    return [(m, seen) for k, m in enumerate(masks) if m.any() and not any((m == other).all() for other in masks[:k])]

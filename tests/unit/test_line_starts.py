@@ -68,14 +68,17 @@ def test_only_sides_that_nothing_states(stated: bool) -> None:
     assert np.flatnonzero(starts_of_lines(table, "X", ["X", "Y"])).tolist() == ([] if stated else [4])
 
 
-def test_readings_from_the_other_side_are_the_later_halves_or_every_second_one() -> None:
-    along = np.array([0.0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2])
-    path, run, tool = np.column_stack([along, np.zeros(12)]), np.zeros(12, int), np.zeros((12, 3))
-    (halves, whole), (seconds, _) = read_again(path, tool, 0, run)
-    assert halves.tolist() == [False, False, True, True] * 3
-    assert seconds.tolist() == [False, True] * 6
-    assert whole.all()
+@pytest.mark.parametrize(
+    ("order", "next_"),
+    [("AB", "AB"), ("AB", "BA"), ("AABB", "AABB"), ("AABB", "BBAA"), ("ABBA", "ABBA"), ("AAB", "AAB")],
+)
+def test_readings_from_the_other_side_are_among_the_usual_orders(order: str, next_: str) -> None:
+    sides = np.array([side == "B" for side in (order + next_) * 2])
+    along = np.repeat(np.arange(4.0), len(order))
+    path, run, tool = np.column_stack([along, 0 * along]), np.zeros(len(along), int), np.zeros((len(along), 3))
+    found = read_again(path, tool, 0, run)
+    assert any((again == sides).all() for again, _ in found)
+    assert all(seen.all() for _, seen in found)
+    assert len({again.tobytes() for again, _ in found}) == len(found)
     assert not read_again(path, tool, 1, run)  # it stands
-    # another tool makes another target; three readings have no halves
-    assert not read_again(path, np.column_stack([np.arange(12) % 2]), 0, run)
-    assert not read_again(path[[0, 1, 2, 4, 5, 6, 8, 9, 10]], tool[:9], 0, run[:9])
+    assert not read_again(path, np.arange(len(along))[:, None], 0, run)  # another tool makes another target

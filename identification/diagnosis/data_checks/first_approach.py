@@ -71,9 +71,11 @@ def likelier_sides(
         beside = beside if {f"dir_{name}" for name in sides} & set(effect.drivers) else beside.with_effect(effect)
     texts, many = dict[str, list[str]](), float(np.log(max(len(tried), 1)))
     while tried:
-        now = _evidence(beside, {name: side[fitted] for name, side in sides.items()})
+        now, rank = _likelihood(beside, {name: side[fitted] for name, side in sides.items()})
         turned = [{**sides, t.joint: np.where(t.turned, -sides[t.joint], sides[t.joint])} for t in tried]
-        gains = [_evidence(beside, {n: s[fitted] for n, s in other.items()}) - now - many for other in turned]
+        other = [_likelihood(beside, {n: s[fitted] for n, s in own.items()}) for own in turned]
+        # Schwarz's penalty of further parameters; no reward for a sign with which motions follow the geometry instead
+        gains = [log - now - max(own - rank, 0) / 2 * float(np.log(len(linear.index))) - many for log, own in other]
         best = int(np.argmax(gains))
         found = gains[best] > CLEAR
         for k in [best] if found else range(len(tried)):
@@ -108,11 +110,10 @@ def _assumptions(table: pd.DataFrame, scene: Scene) -> Iterator[Assumption]:
         yield from (Assumption(name, rows, AGAIN) for rows in from_other_side(table, name, joints, recorded))
 
 
-def _evidence(beside: LinearModel, sides: Mapping[str, Array]) -> float:
-    """Log likelihood with motions that follow the `sides` of the joints, less Schwarz's penalty of their parameters."""
+def _likelihood(beside: LinearModel, sides: Mapping[str, Array]) -> tuple[float, int]:
+    """Log likelihood with motions that follow the `sides` of the joints (of the rows to fit), and number of columns."""
     follows = np.zeros((6 * len(sides), beside.size))
     for k, (joint, side) in enumerate(sides.items()):
         follows[6 * k : 6 * k + 6, : len(beside.index)] = beside.levers[joint] * side[beside.index]
     fitted = beside.with_columns(follows)
-    penalty = int(fitted.basis.shape[1]) / 2 * float(np.log(len(beside.index)))
-    return -beside.freedom / 2 * float(np.log(fitted.square)) - penalty
+    return -beside.freedom / 2 * float(np.log(fitted.square)), int(fitted.basis.shape[1])
