@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 SPEED_CHANNEL = re.compile(r"speed\(([^|]+)\|([^|]*)\|([^|]*)\)")
 RATE_CHANNEL = re.compile(r"rate\((.+)\)")
 AT_FEED = 0.9, 1.1  # of the feed: a step that was made at it; by judgement
-IN_MOTION = 0.2  # share of such steps, from which on rows were read in motion; by judgement: with pauses they are rare
+IN_MOTION = 0.2  # share of such steps, or of quick ones, from which on rows were read in motion; by judgement
 SHARE_RUNS_ON = 0.5  # of the rows, through which a path runs on that is not stopped at each; by judgement
+AT_REST_S = 1.0  # a pose at rest takes longer to come to, to settle at and to read; by judgement
 FASTEST = 1.2  # times the feed: faster was no feed; by judgement, since times are rounded
 PAUSE = 0.5  # ratio of the rates of two steps, below which the slower one had a pause in it; by judgement
 SIDEWAYS = 0.3  # share of a step that a joint may go against its side: on a curve it turns round between two rows
@@ -117,15 +118,20 @@ def clock_speed(position: Array, time: Array, series: Index) -> Array:
     return out
 
 
-def in_motion(position: Sequence[Array]) -> bool:
-    """Whether rows seem to be read on the fly: their path runs on through most, and several joints (n,) each move."""
+def in_motion(position: Sequence[Array], time: Array | None = None) -> bool:
+    """Whether rows seem to be read on the fly: their path runs on through most, and several joints (n,) each move.
+
+    Where one joint moves at a time, as on lines, only times (n,), s, tell: a pose at rest takes a second and more.
+    """
     if len(position) < 2 or len(position[0]) < 3:
         return False
     path = np.column_stack(position)
     steps = directions(np.diff(path, axis=0), path)
     straight = np.einsum("nj,nj->n", steps[1:], steps[:-1])
-    together = np.count_nonzero(steps, axis=1) > 1
-    return bool(np.mean(straight > RUNS_ON) > SHARE_RUNS_ON and np.mean(together) > SHARE_RUNS_ON)
+    together = np.mean(np.count_nonzero(steps, axis=1) > 1) > SHARE_RUNS_ON
+    moved = steps.any(axis=1)
+    quick = time is not None and moved.any() and np.mean(np.diff(time)[moved] < AT_REST_S) > IN_MOTION
+    return bool(np.mean(straight > RUNS_ON) > SHARE_RUNS_ON and (together or quick))
 
 
 def _length(steps: Array, linear: Mask) -> Array:

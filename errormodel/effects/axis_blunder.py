@@ -95,6 +95,11 @@ def mended(table: pd.DataFrame, machine: Machine) -> pd.DataFrame:
     return table
 
 
+def mended_words(machine: Machine) -> list[str]:
+    """The mistakes that the machine's ``effects:`` declare, in words."""
+    return [effect.text(machine) for effect in _known(machine)]
+
+
 def marred(table: pd.DataFrame, machine: Machine) -> pd.DataFrame:
     """Introduce the mistakes that the machine's ``effects:`` declare into a table of positions, as its file has it."""
     for effect in reversed(_known(machine)):

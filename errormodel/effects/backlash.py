@@ -35,7 +35,7 @@ class Backlash(JointEffect):
             return ""
         return (
             f"and {self.joint} is ahead of its command, which no worn drive makes: a compensation of backlash set too "
-            f"large, or dir_{self.joint} of the wrong sign"
+            f"large, readings in motion that are late, or dir_{self.joint} of the wrong sign"
         )
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:

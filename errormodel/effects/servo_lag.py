@@ -5,7 +5,7 @@ Speed over the gain of the position loop; mm along a prismatic axis, rad about a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar, Literal
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
@@ -49,6 +49,11 @@ class ServoLag(JointEffect):
             if joint.type == "rotary":
                 unit, size = "rad s/mm", 6e-7
         return [EffectTerm(self.joint, "", unit, along(joint, -speed), size)]  # excess feedforward makes it negative
+
+    def meaning_of_sign(self, values: Sequence[float]) -> str:
+        if values[0] >= 0:
+            return ""
+        return f"and {self.joint} leads its command, which no servo does: readings in motion that are late"
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

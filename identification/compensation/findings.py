@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from errormodel.channels import root
-from errormodel.effects import make
-from errormodel.effects.axis_blunder import AxisBlunder
+from errormodel.effects.axis_blunder import AxisBlunder, mended_words
 from errormodel.exceptions import InputError
 from errormodel.inputs import noted
 from identification.compensation.field import Field
@@ -92,9 +91,7 @@ def outside(findings: Collection[Found], field: Field, loose: Collection[str]) -
 
 def changed_columns(findings: Collection[Found], field: Field) -> tuple[list[str], bool]:
     """Columns of the survey that were taken with a change, in words, and whether the diagnosis alone says so."""
-    machine = field.chain.machine
-    known = (make(spec) for spec in machine.effects)
-    words = [e.text(machine) for e in known if isinstance(e, AxisBlunder)]
+    words = mended_words(field.chain.machine)
     return words, bool(words) and any(f.effect == AxisBlunder.effect for f in findings)
 
 

@@ -80,7 +80,7 @@ def reversal_lines(controller: Controller, setup: Setup, tables: Tables) -> list
         if ahead:
             found += (
                 ". It is ahead of its command, which no worn drive makes: a backlash parameter that is set too large "
-                f"does, or a wrong column dir_{axis.joint} of the survey"
+                f"does, readings in motion that are late, or a wrong column dir_{axis.joint} of the survey"
             )
         parameter = controller.backlash_parameter.format(
             axis=controller.address(setup, name), number=controller.number(setup, name)

@@ -13,6 +13,7 @@ import numpy as np
 
 from errormodel.arrays import Array, as_rows
 from errormodel.conventions import MOTIONS
+from errormodel.effects.axis_blunder import mended_words
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MOTION_UNCERTAINTIES
 from identification.observation.assembly import frame_columns, frame_labels
@@ -110,6 +111,12 @@ def _motions(fit: StoredFit, points: Survey, channels: list[Array]) -> Array:
     return out
 
 
+MISTAKE = (
+    "{text}: that mistake of the fitted survey is taken to be in these rows as well, and mended. If it is not, correct "
+    "the survey, diagnose or fit it again, and predict from that"
+)
+
+
 def _labels(fit: StoredFit, points: Survey) -> Array:
     """Frame label of each row, by the rule of the fitted survey: commands have no frame of their own."""
     return frame_labels(points, fit.frame_mode)
@@ -123,7 +130,9 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     late = started_anew(fit.chain, fit.data.get("history", {}), points.table)
     ended = as_in_last_run(fit.chain, fit.data.get("runs", ()), points.table)
     idle, moving = rested(fit.chain, points.table), on_the_fly(fit.chain, points.table)
-    return (*own, *_unfitted(fit, points), *free, *beyond, *late, *ended, *idle, *moving, *_arrivals(fit, points))
+    mistakes = (MISTAKE.format(text=text) for text in mended_words(fit.chain.machine))
+    changes = (*late, *ended, *idle, *moving)
+    return (*mistakes, *own, *_unfitted(fit, points), *free, *beyond, *changes, *_arrivals(fit, points))
 
 
 def _arrivals(fit: StoredFit, points: Survey) -> Iterator[str]:

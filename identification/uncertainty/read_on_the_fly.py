@@ -69,4 +69,5 @@ def _speeds(chain: Chain) -> list[tuple[int, str]]:
 
 def _in_motion(chain: Chain, table: pd.DataFrame) -> bool:
     order = measured_order(table)
-    return in_motion([table[j.name].to_numpy(dtype=np.float64)[order] for j in chain.machine.joints])
+    time = table["time"].to_numpy(dtype=np.float64)[order] if "time" in table else None
+    return in_motion([table[j.name].to_numpy(dtype=np.float64)[order] for j in chain.machine.joints], time)

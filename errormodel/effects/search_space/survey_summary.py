@@ -71,7 +71,10 @@ class Scene:
     @property
     def on_the_fly(self) -> bool:
         """Whether the rows seem to be read in motion, and have times, which say how fast."""
-        return self.runs_on and self.varies("time")
+        if not self.varies("time"):
+            return False
+        order = np.argsort(self.columns["time"], kind="stable")
+        return in_motion([self.columns[j.name][order] for j in self.moving], self.columns["time"][order])
 
     @property
     def prismatic(self) -> tuple[Joint, ...]:

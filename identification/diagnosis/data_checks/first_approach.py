@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.approach import assumed_sides, direction, from_other_side, starts_of_lines
+from errormodel.approach import assumed_sides, direction, from_other_side, starts_of_lines, unstated
 from errormodel.arrays import Array, Mask
 from errormodel.effects.base import Effect
 from errormodel.effects.search_space.survey_summary import Scene
@@ -40,6 +40,12 @@ AGAIN = (
     "{rows}: of the readings that follow one another at a place, these are taken to be from the other side "
     "({channel} = {sign}, as in a pilgrim step of ISO 230-2), which nothing states, but the readings show. Write "
     "{channel} if it is known"
+)
+
+
+ONE_SIDE = (
+    "{rows}: column {channel} has one value in all rows, but the readings follow the side from which {joint} came in "
+    "the order of the rows: {channel} = {sign} is taken. Correct the column"
 )
 
 
@@ -103,11 +109,22 @@ def _assumptions(table: pd.DataFrame, scene: Scene) -> Iterator[Assumption]:
     recorded = [c for c in scene.columns if c in table and c not in joints and not c.startswith("dir_")]
     for joint in scene.moving:
         name = joint.name
+        if (given := _as_moved(table, name)) is not None:
+            yield Assumption(name, given, ONE_SIDE)
         if scene.both_ways(joint):
             first = assumed_sides(table, name)
             yield from (Assumption(name, first == k, FIRST) for k in np.unique(first) if k)
             yield Assumption(name, starts_of_lines(table, name, joints), START)
         yield from (Assumption(name, rows, AGAIN) for rows in from_other_side(table, name, joints, recorded))
+
+
+def _as_moved(table: pd.DataFrame, joint: str) -> Mask | None:
+    """Rows (n,) to which a joint came from the other side than a column of one value says; None of other columns."""
+    name = f"dir_{joint}"
+    if name not in table or unstated(table, joint).any() or table[name].nunique() > 1:
+        return None
+    moved = direction(table.drop(columns=name), joint)
+    return np.asarray(moved * table[name].to_numpy(dtype=np.float64) < 0)
 
 
 def _likelihood(beside: LinearModel, sides: Mapping[str, Array]) -> tuple[float, int]:
