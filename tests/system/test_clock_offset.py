@@ -92,3 +92,24 @@ def test_without_times_it_is_said_that_a_delay_would_look_like_other_things(path
     delayed = showing(survey, machine, [(ON_THE_FLY, [DELAY_S])], 0.005)
     untimed = replace(delayed, table=delayed.table.drop(columns="time"))
     assert [n for n in diagnose(machine, untimed).diagnosis.notes if "whether they were read on the fly" in n]
+
+
+@pytest.mark.parametrize(("step_s", "quick"), [(0.5, True), (5.0, False)])
+def test_lines_of_one_axis_that_are_read_quickly_have_a_delay(step_s: float, quick: bool) -> None:
+    """To and fro at one speed a delay looks like play, which predicts another position at rest."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 12 * 16, 5, channels=False, grid=False)
+    across, along = (
+        np.repeat(np.linspace(0.1, 0.9, 6), 32),
+        np.tile(np.append(*[np.linspace(0, 1, 16)[::s] for s in (1, -1)]), 6),
+    )
+    places = {
+        j.name: j.travel[0] + np.ptp(j.travel) * share
+        for j, share in zip(machine.joints, (along, across, across), strict=True)
+    }
+    time = step_s * np.arange(12 * 16) + 5.0 * np.repeat(np.arange(12), 16)
+    lines = replace(survey, table=survey.table.assign(time=time, **places))
+    delay = 0.02 / (np.ptp(machine.joints[0].travel) / 15 / step_s)  # that moves the readings by 0.02 mm
+    found = diagnose(machine, showing(lines, machine, [(ON_THE_FLY, [delay])], 0.003)).diagnosis.findings
+    names = {found[0].effect, *(a.effect for a in found[0].alternatives)}
+    assert ("clock-offset" in names) == quick

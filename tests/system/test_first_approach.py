@@ -113,3 +113,12 @@ def test_readings_from_the_other_side_are_found_as_if_stated() -> None:
 def test_readings_that_a_column_tells_apart_are_not_from_the_other_side() -> None:
     diagnosed = diagnose(MILL, pilgrim(stated=False, load=True))
     assert not [n for n in diagnosed.diagnosis.notes if "from the other side" in n]
+
+
+@pytest.mark.parametrize("play", [True, False])
+def test_a_column_of_one_value_is_doubted_where_the_readings_say_otherwise(play: bool) -> None:
+    points = random_points(MILL, 150, 5)
+    survey = survey_of(known(MILL, made("backlash", joint="X")), points, {"X.dx.backlash": PLAY_MM * play})
+    diagnosed = diagnose(MILL, replace(survey, table=survey.table.assign(dir_X=1.0))).diagnosis
+    assert [(f.effect, f.where) for f in diagnosed.findings] == ([("backlash", "X")] if play else [])
+    assert len([n for n in diagnosed.notes if "dir_X has one value in all rows" in n]) == play
