@@ -24,8 +24,9 @@ from identification.diagnosis.results.recorded_functions import recorded, wander
 from identification.diagnosis.results.residual_dependence import Dependence, dependence_of
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.conditional_evidence import in_correlated_noise
+from identification.diagnosis.search.criteria import heldout_rms
 from identification.diagnosis.search.forward_selection import add_best, forward_select
-from identification.diagnosis.search.model import EffectModel, of_groups
+from identification.diagnosis.search.model import EffectModel, of_groups, with_step
 from identification.diagnosis.search.proposals import proposed
 from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.search.shape_fit import scored
@@ -46,6 +47,11 @@ def with_courses(
     changes : effects that mend blunders.
     """
     earlier = {g[0].effect.key for g in found.model.findings}
+    if found.wanders is not None:  # it has more evidence than what was accepted, and needs no other test
+        step = _course(found.model.linear, found.wanders.element, found.wanders.motion)
+        longer = None if step is None else with_step(found.model, step)
+        if longer is not None and heldout_rms(longer.linear) < heldout_rms(found.model.linear):
+            found = _fitted(found, longer, longer.steps[-1].effect, changes, progress, log) or found
     for _ in range(MOST_COURSES):
         left, linear = _left(found, progress, log), found.model.linear
         if left is None or linear.scene.clock not in left.channels:

@@ -23,6 +23,7 @@ from identification.diagnosis.results.findings import Untestable
 from identification.diagnosis.results.model_discrepancy import with_form
 from identification.diagnosis.results.nameless_alternative import without_wanderers
 from identification.diagnosis.results.physical_limits import times_usual
+from identification.diagnosis.results.recorded_functions import Functions
 from identification.diagnosis.results.residual_dependence import predicted
 from identification.diagnosis.results.untestable import unseen
 from identification.diagnosis.results.witnesses import WitnessResult, apply_witnesses
@@ -46,7 +47,7 @@ class Explanation:
 
     `before` is the fit without, of the same `survey` with the same weights as the `final` one. `ranking` is that
     before all; `first` the number of the first effect that was found, among the final machine's. `wave` runs along two
-    joints, and is left.
+    joints, and is left. `wanders` is the motion in whose favour a finding was left out.
     """
 
     survey: Survey
@@ -58,6 +59,7 @@ class Explanation:
     ranking: list[Ranked]
     first: int
     wave: Wave | None = None
+    wanders: Functions | None = None
 
 
 def explained(
@@ -99,7 +101,7 @@ def explained(
         return explained(plain, given, changes, progress, log, impossible, isotropic=True)
     del candidates, selected  # hundreds of megabytes that the fit of all rows needs
     model, witnessed = apply_witnesses(in_correlated_noise(chosen, log), log)
-    model = without_wanderers(model, log)
+    model, wanders = without_wanderers(model, log)
     first = len(fit.chain.machine.effects) + len(changes)
     final = fit
     if changes or model.steps:
@@ -111,7 +113,7 @@ def explained(
             again = explained(fit, survey, changes, progress, log, without)
             return replace(again, untestable=_untestable(scores, again.model, log), ranking=scores.ranking())
     untestable = [] if impossible else _untestable(scores, model, log)
-    return Explanation(survey, fit, model, final, witnessed, untestable, scores.ranking(), first, wave)
+    return Explanation(survey, fit, model, final, witnessed, untestable, scores.ranking(), first, wave, wanders)
 
 
 def _with_wave(

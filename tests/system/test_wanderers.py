@@ -40,7 +40,7 @@ def test_what_wanders_more_than_the_temperature_tells_is_not_its_doing(driver: s
     found = make(EffectSpec("structure-drift", {"element": "carriage", "motion": "dx", "sensor": "T_0"}))
     linear = set_up(fit_machine(machine, replace(shown, table=shown.table.drop(columns="w_level"))))
     model, log = replayed(linear, [Step(found, 50.0, 100.0, 0.1)]), DecisionLog()
-    left = without_wanderers(model, log)
+    left, _ = without_wanderers(model, log)
     assert [s.effect for s in left.steps] == [found] * kept
     (decision,) = (d for d in log if d.rule == "wanders-instead")
     assert decision.outcome == ("kept" if kept else "removed")
@@ -56,7 +56,7 @@ def test_a_finding_beside_something_larger_that_wanders_stays() -> None:
     hidden = replace(shown, table=shown.table.drop(columns="w_level"))
     found = make(EffectSpec("backlash", {"joint": joint}))
     model, log = replayed(set_up(fit_machine(machine, hidden)), [Step(found, 50.0, 100.0, 0.1)]), DecisionLog()
-    left = without_wanderers(model, log)
+    left, _ = without_wanderers(model, log)
     (decision,) = (d for d in log if d.rule == "wanders-instead")
     assert decision.value is not None
     assert decision.value > 5.0  # what wanders has far more evidence

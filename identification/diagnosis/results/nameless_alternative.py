@@ -78,14 +78,14 @@ def refusal(model: EffectModel, group: Sequence[Step], functions: Sequence[Funct
     return None if lead > 0 else f"a function without a name explains as much ({_words(best)})"
 
 
-def without_wanderers(model: EffectModel, log: DecisionLog) -> EffectModel:
-    """The model without findings whose motion has clearly more evidence as one that wanders in time.
+def without_wanderers(model: EffectModel, log: DecisionLog) -> tuple[EffectModel, Functions | None]:
+    """The model without findings whose motion has clearly more evidence as one that wanders in time, and that motion.
 
     What wanders resembles some temperature, warm-up or curve by chance, and goes another way later. What a temperature
     or a position drives changes in time as well, but takes many functions of the clock to describe. A finding that
     has at least half of its evidence beside what wanders is another thing.
     """
-    groups, kept, wanders = model.findings, list[list[Step]](), list[Functions]()
+    groups, kept, wanders, instead_of = model.findings, list[list[Step]](), list[Functions](), None
     for group in groups:
         main = group[0].effect
         wanders = wanders or wandering(model.start, np.unique(model.start.index))
@@ -99,7 +99,8 @@ def without_wanderers(model: EffectModel, log: DecisionLog) -> EffectModel:
             out = further - lead < EVEN * evidence
         log.add("wanders-instead", "removed" if out else "kept", main, lead, least, beside=_words(best))
         kept += [] if out else [group]
-    return model if len(kept) == len(groups) else of_groups(model.start, kept)
+        instead_of = best if out else instead_of
+    return (model if len(kept) == len(groups) else of_groups(model.start, kept)), instead_of
 
 
 def _of_any_size(linear: LinearModel, effects: Sequence[Effect]) -> tuple[float, LinearModel]:
