@@ -16,7 +16,7 @@ from errormodel.surveys.columns import TOOL_COLUMNS
 if TYPE_CHECKING:
     import pandas as pd
 
-TOLD = 0.5  # correlation of a column with the readings in question, from which on it tells them apart; by judgement
+CORRELATED = 0.5  # of a column with the readings in question: from there on it distinguishes them; by judgement
 JUMP_STEPS = 2.5  # times the median step between targets: a longer step back begins a new sequence; by judgement
 
 
@@ -75,16 +75,16 @@ def from_other_side(table: pd.DataFrame, joint: str, joints: Sequence[str], reco
     Parameters
     ----------
     joints : all of the machine.
-    recorded : other columns; readings that one of these tells apart are not told apart by the side.
+    recorded : other columns; readings that one of these distinguishes are not distinguished by the side.
     """
     order, tool = measured_order(table), [name for name in TOOL_COLUMNS if name in table]
     position, tools = (table[[*names]].to_numpy(dtype=np.float64)[order] for names in (joints, tool))
     series = label_numbers(table, ["file", "run"])[order]
     others = [v - v.mean() for v in (table[name].to_numpy(dtype=np.float64)[order] for name in recorded) if np.ptp(v)]
     result = []
-    for again, even in read_again(position, tools, joints.index(joint), series):
-        turned = np.where(again, 1.0, -1.0)[even]
-        if not any(abs(np.corrcoef(v[even], turned)[0, 1]) > TOLD for v in others if np.ptp(v[even])):
+    for again, targets in read_again(position, tools, joints.index(joint), series):
+        turned = np.where(again, 1.0, -1.0)[targets]
+        if not any(abs(np.corrcoef(v[targets], turned)[0, 1]) > CORRELATED for v in others if np.ptp(v[targets])):
             rows = np.zeros(len(table), dtype=np.bool_)
             rows[order] = again
             result.append(rows & unstated(table, joint))

@@ -45,7 +45,6 @@ UNITS_OF_CHANNELS = {"time": "s", "feed": "mm/min", "load": "kg"}
 OWN_COLUMNS = ("file", "role", "row")  # of a survey's table, which no file has
 _GAPLESS = ("T_", "w_", "time", "feed", "load")
 CLOCKS = "time", "row"  # of a survey: times or, where these were not recorded, the order of its rows
-LAST_ROW = 1e9  # number of a row after all that were recorded, where nothing says how many these were
 # nominal position of the functional point in the reference's axes, mm
 POINT_CHANNELS = ("point_x", "point_y", "point_z")
 

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.channels import CLOCKS
 from errormodel.conventions import MOTIONS
 from errormodel.effects.base import Effect
 from errormodel.effects.unnamed import Unnamed
@@ -28,6 +27,7 @@ from identification.diagnosis.search.criteria import heldout_rms
 from identification.diagnosis.search.forward_selection import add_best, forward_select
 from identification.diagnosis.search.model import EffectModel, of_groups, with_step
 from identification.diagnosis.search.proposals import proposed
+from identification.diagnosis.search.refinement import by_clock_alone
 from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.search.shape_fit import scored
 from identification.runtime.progress import Progress
@@ -52,19 +52,19 @@ def with_courses(
         longer = None if step is None else with_step(found.model, step)
         if longer is not None and heldout_rms(longer.linear) < heldout_rms(found.model.linear):
             found = _fitted(found, longer, longer.steps[-1].effect, changes, progress, log) or found
-    for _ in range(MOST_COURSES):
+    for number in range(MOST_COURSES + 1):
         left, linear = _left(found, progress, log), found.model.linear
-        if left is None or linear.scene.clock not in left.channels:
-            return _named_only(found, earlier, left, changes, progress, log)
+        if left is None or linear.scene.clock not in left.channels or number == MOST_COURSES:
+            break
         _, _, most = best_of(linear, wandering(linear, np.unique(linear.index)))
         log.begin(len(found.model.steps))
         step = None if most is None else _course(linear, most.element, most.motion)
         longer = None if step is None else add_best(found.model, ([step], step), log)
         further = None if longer is None else _fitted(found, longer, longer.steps[-1].effect, changes, progress, log)
         if further is None:
-            return _named_only(found, earlier, left, changes, progress, log)
+            break
         found = _with_more(further, changes, progress, log)
-    return _named_only(found, earlier, _left(found, progress, log), changes, progress, log)
+    return _named_only(found, earlier, left, changes, progress, log)
 
 
 def _left(found: Explanation, progress: Progress, log: DecisionLog) -> Dependence | None:
@@ -98,7 +98,7 @@ def _with_more(found: Explanation, changes: Sequence[Effect], progress: Progress
     What time alone drives is not looked for: the course follows it as well. What has no name is what it leaves.
     """
     start = found.model.start
-    candidates = Candidates.of(start, [e for e in proposed(start) if not {*e.drivers} <= {*CLOCKS}])
+    candidates = Candidates.of(start, [e for e in proposed(start) if not by_clock_alone(e)])
     candidates.scores(start)
     more = in_correlated_noise(forward_select(start, candidates, progress, found.model.steps, log), log)
     del candidates
@@ -124,14 +124,13 @@ def _named_only(
     ----------
     earlier : keys of what was found before.
     """
-    model = found.model
-    new = [g for g in model.findings if g[0].effect.key not in earlier and not g[0].effect.empirical]
-    functions = recorded(model.start, np.unique(model.start.index)) if new else []
-    refused = [g for g in new if refusal(model, g, functions, log) is not None]
-    if not refused:
+    model, groups = found.model, found.model.findings
+    new = [g[0].effect.key not in earlier and not g[0].effect.empirical for g in groups]
+    functions = recorded(model.start, np.unique(model.start.index)) if any(new) else []
+    kept = [g for g, own in zip(groups, new, strict=True) if not own or refusal(model, g, functions, log) is None]
+    if len(kept) == len(groups):
         return found, left
-    fewer = of_groups(model.start, [g for g in model.findings if not any(g[0] is r[0] for r in refused)])
-    found = _fitted(found, fewer, None, changes, progress, log) or found
+    found = _fitted(found, of_groups(model.start, kept), None, changes, progress, log) or found
     return found, _left(found, progress, log)
 
 

@@ -44,6 +44,10 @@ FREE_REFERENCE = (
 )
 # Standard deviation of an unidentified parameter by unit, where no identified one gives a scale; by judgement
 PLAUSIBLE_SIZES = {"mm": 0.02, "rad": 5e-5, "1": 5e-5, "rad/mm": 5e-8}
+MISTAKE = (
+    "{text}: that mistake of the fitted survey is taken to be in these rows as well, and mended. If it is not, correct "
+    "the survey, diagnose or fit it again, and predict from that"
+)
 
 
 def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
@@ -109,12 +113,6 @@ def _motions(fit: StoredFit, points: Survey, channels: list[Array]) -> Array:
         out[index, :6] = np.einsum("p,pim->mi", values, terms)
         out[index, 6:] = np.sqrt(_variance(fit, [*ids], terms)).T
     return out
-
-
-MISTAKE = (
-    "{text}: that mistake of the fitted survey is taken to be in these rows as well, and mended. If it is not, correct "
-    "the survey, diagnose or fit it again, and predict from that"
-)
 
 
 def _labels(fit: StoredFit, points: Survey) -> Array:

@@ -14,11 +14,12 @@ import numpy as np
 
 from errormodel.arrays import Array, Mask
 from errormodel.chain import Chain
-from errormodel.channels import DERIVED_CHANNEL, LAST_ROW, channel, clocks, lagged
+from errormodel.channels import DERIVED_CHANNEL, channel, clocks, lagged
 
 if TYPE_CHECKING:
     import pandas as pd
 
+LAST_ROW = 1e9  # number of a row after all that were recorded, where nothing says how many these were
 History = Mapping[str, Sequence[float]]  # of each lagged channel: time (s), temperature and lagged temperature (degC)
 
 

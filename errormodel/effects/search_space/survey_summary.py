@@ -68,7 +68,7 @@ class Scene:
         """Whether the path of the moving joints runs on through most rows, as if they were read in motion."""
         return in_motion([self.columns[j.name] for j in self.moving])
 
-    @property
+    @cached_property
     def on_the_fly(self) -> bool:
         """Whether the rows seem to be read in motion, and have times, which say how fast."""
         if not self.varies("time"):

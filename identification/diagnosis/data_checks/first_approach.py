@@ -41,8 +41,6 @@ AGAIN = (
     "({channel} = {sign}, as in a pilgrim step of ISO 230-2), which nothing states, but the readings show. Write "
     "{channel} if it is known"
 )
-
-
 ONE_SIDE = (
     "{rows}: column {channel} has one value in all rows, but the readings follow the side from which {joint} came in "
     "the order of the rows: {channel} = {sign} is taken. Correct the column"
@@ -68,9 +66,9 @@ def likelier_sides(
     linear : of the survey's rows to fit, without the `effects`.
     effects : what was found; what follows a joint's direction is fitted anew with each sign.
     """
-    table, moving = survey.table, linear.scene.moving
+    table = survey.table
     fitted = np.flatnonzero((table["role"] == "fit").to_numpy())
-    sides = {j.name: direction(table, j.name) for j in moving}
+    sides = {j.name: direction(table, j.name) for j in linear.scene.moving}
     tried = [t for t in _assumptions(table, linear.scene) if t.turned[fitted][linear.index].any()]
     beside = linear
     for effect in effects:
@@ -85,10 +83,8 @@ def likelier_sides(
         best = int(np.argmax(gains))
         found = gains[best] > CLEAR
         for k in [best] if found else range(len(tried)):
-            where, channel = (
-                f"rows {listed(table['row'].to_numpy()[tried[k].turned].tolist())}",
-                f"dir_{tried[k].joint}",
-            )
+            where = f"rows {listed(table['row'].to_numpy()[tried[k].turned].tolist())}"
+            channel = f"dir_{tried[k].joint}"
             word: Outcome = "found" if found else "passed"
             log.add("first-approach", word, f"column {channel}", gains[k], CLEAR, beside=where)
         if not found:

@@ -168,7 +168,7 @@ def refinement_of(model: EffectModel, step: Step) -> tuple[int | None, str]:
         one, other = earlier.effect, step.effect
         if one.random and not (one.empirical or other.empirical) and other.family != one.family:
             continue  # a free curve of the joint's position leaves nothing over: this is another effect
-        if distinct(one, other) or (is_course(one) and not {*other.drivers} <= {*CLOCKS}):
+        if distinct(one, other) or (is_course(one) and not by_clock_alone(other)):
             continue
         there = one.where == other.where and base_channels(one) & base_channels(other)
         if there and (one.effect == other.effect or moves(linear, one) & moves(linear, other)):
@@ -187,7 +187,12 @@ def refinement_of(model: EffectModel, step: Step) -> tuple[int | None, str]:
 def is_course(effect: Effect) -> bool:
     """Whether an effect is a curve of one motion in time, which leaves nothing over that another channel drives."""
     curve = isinstance(effect, Unnamed) and effect.pieces is not None and effect.period is None
-    return curve and {*effect.drivers} <= {*CLOCKS}
+    return curve and by_clock_alone(effect)
+
+
+def by_clock_alone(effect: Effect) -> bool:
+    """Whether nothing but time, or the order of the rows, drives an effect."""
+    return {*effect.drivers} <= {*CLOCKS}
 
 
 def distinct(one: Effect, other: Effect) -> bool:
