@@ -8,14 +8,19 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from identification.command_line.start import came
+
 NOTHING_KEPT = "nothing was put in place"
 
 
 def interruption_behind(error: BaseException | None) -> KeyboardInterrupt | None:
-    """The interruption behind an error, if any: a library that calls back into Python turns it into its own."""
-    if error is None or isinstance(error, KeyboardInterrupt):
-        return error
-    return interruption_behind(error.__cause__ or error.__context__)
+    """The interruption behind an error, if any: a library that calls back into Python turns it into its own.
+
+    One that loses it on its way, and fails of that, leaves nothing behind the error but that a signal came before.
+    """
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error or came()
 
 
 def exit_code(interruption: KeyboardInterrupt | None) -> int:

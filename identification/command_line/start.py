@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 PATIENCE_S = 5.0  # s after a signal; a library may have lost the interruption, or a thread goes on; by judgement
 ENDING = ("SIGINT", "SIGTERM", "SIGHUP")  # signals, of which Windows lacks the last
 WORD = "stopped: what was not finished was not put in place"
+_came: list[KeyboardInterrupt] = []  # the interruption of this process, which a library may lose on its way
 
 
 def entry() -> None:
@@ -75,7 +76,13 @@ def _open_closed_streams() -> None:
 def _interrupted(signum: int, frame: FrameType | None) -> None:
     _handle_all(signal.SIG_IGN)  # who presses Ctrl-C twice would break off what puts things in order
     _thread.start_new_thread(_end_later, (128 + signum,))
-    raise KeyboardInterrupt(signum)
+    _came.append(KeyboardInterrupt(signum))
+    raise _came[0]
+
+
+def came() -> KeyboardInterrupt | None:
+    """The interruption of this process, once a signal came."""
+    return _came[0] if _came else None
 
 
 def _end_later(code: int) -> None:
@@ -86,7 +93,3 @@ def _end_later(code: int) -> None:
     except OSError:  # a terminal that was closed
         pass
     os._exit(code)
-
-
-if __name__ == "__main__":
-    entry()

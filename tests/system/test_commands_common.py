@@ -148,7 +148,7 @@ def test_a_full_disk_ends_in_a_sentence() -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="the shell of POSIX")
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
 def test_a_closed_stream_is_as_the_null_device(closed: str, tmp_path: Path) -> None:
-    program = f"'{sys.executable}' -m identification.command_line.start"
+    program = f"'{sys.executable}' -m errormodel"
     written = tmp_path / "p.csv"
     shell = f"{program} simulate {MILL} 3 --out '{written}' {closed} && exec {program} --version {closed}"
     env = os.environ | {"PYTHONPATH": str(ROOT)}

@@ -142,7 +142,7 @@ def test_thirty_joints_in_two_gigabytes(tmp_path: Path) -> None:
         "joints: first-order", "joints: {" + ", ".join(f"J{k}: none" for k in range(30)) + "}"
     )
     recorded(tmp_path, shapes, 150, 0.002)
-    start = f"ulimit -v 2000000; exec {sys.executable} -m identification.command_line.start"
+    start = f"ulimit -v 2000000; exec {sys.executable} -m errormodel"
     commands = ("fit m.yaml s.csv --out fit", "compensate fit --controller csv --out tables")
     first, second = (
         subprocess.run(

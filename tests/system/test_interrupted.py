@@ -154,8 +154,15 @@ def test_an_interruption_that_is_lost_ends_the_process_all_the_same(name: str) -
     assert (process.returncode, err.strip()[:7]) == (128 + number, "stopped")
 
 
-def test_an_interruption_that_a_library_makes_an_error_of_its_own_is_one() -> None:
-    wrapped = LOST.replace("pass\n", "raise RuntimeError('called back') from None\n")
+OWN_ERRORS = {
+    "raised while it is handled": "raise RuntimeError('called back') from None\n",
+    "raised after it": "break\n    raise TypeError('incompatible arguments')\n",  # as in arguments of compiled code
+}
+
+
+@pytest.mark.parametrize("raised", OWN_ERRORS.values(), ids=OWN_ERRORS)
+def test_an_interruption_that_a_library_makes_an_error_of_its_own_is_one(raised: str) -> None:
+    wrapped = LOST.replace("pass\n", raised)
     process = started(wrapped.replace("PATIENCE_S = 0.2", "PATIENCE_S = 20.0"))
     assert process.stdout is not None
     process.stdout.readline()
