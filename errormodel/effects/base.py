@@ -66,6 +66,7 @@ class ShapeParameter:
     unit : of the field; empty: that of the effect's first driver (mm, rad or s).
     place : whether it is a position along the first driver, of any sign. The posterior then moves it evenly over what
         was measured; any other it moves in its logarithm.
+    sudden : whether something changes there at once, so that it is a place between two values of the first driver.
     searched : whether the diagnosis moves it off the grid of the proposals, to where it fits best.
     sampled : whether the posterior may have it as an unknown.
     said : whether a finding's sentence states it, by the name of its field.
@@ -73,12 +74,14 @@ class ShapeParameter:
 
     unit: str = ""
     place: bool = False
+    sudden: bool = False
     searched: bool = True
     sampled: bool = True
     said: bool = True
 
 
 PLACE = ShapeParameter(place=True)
+MOMENT = ShapeParameter(place=True, sudden=True)
 FIXED = ShapeParameter(searched=False, sampled=False, said=False)
 """Of a number that is given, not found: an origin, a scale, a date."""
 

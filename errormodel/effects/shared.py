@@ -28,6 +28,7 @@ Rotation = Literal["ea", "eb", "ec"]
 REFERENCE_TEMPERATURE = 20.0  # degC, ISO 1
 STEEL_EXPANSION = 12e-6  # coefficient of linear expansion of steel, 1/K
 MOST_FREQUENCIES = 4000  # most frequencies of one grid: more exceed time and memory
+SLOWEST = 1.6  # longest time constant of a warm-up, in lengths of the recording: slower shows no settling; by judgement
 SHIFT_MOMENTS = 40  # candidate times of a change that are evenly spaced among the rows; by judgement
 LONGEST_BREAKS = 10  # candidate times in the longest pauses between rows, where runs are separated; by judgement
 POSITIONS_PER_PERIOD = 3  # fewest positions per period from which its size and phase can be estimated
@@ -122,8 +123,8 @@ def lags(scene: Scene) -> list[float]:
 
 
 def settling_times(scene: Scene) -> list[float]:
-    """Candidate time constants of a warm-up, s: from 0.06 to 1.6 times the recording."""
-    return [1.6 * scene.duration / 1.6**k for k in range(8) if scene.duration]
+    """Candidate time constants of a warm-up, s: from 0.06 to `SLOWEST` times the recording."""
+    return [SLOWEST * scene.duration / 1.6**k for k in range(8) if scene.duration]
 
 
 def start_of(scene: Scene) -> float:

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Self
 from pydantic import model_validator
 
 from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS, unit_of
-from errormodel.effects.base import PLACE, Channels, Effect, EffectTerm, ShapeParameter
+from errormodel.effects.base import MOMENT, Channels, Effect, EffectTerm, ShapeParameter
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import moments, since
 from errormodel.machine import Machine
@@ -36,8 +36,8 @@ class StationShift(Effect):
     separate: ClassVar[str] = "fixed targets on the floor, measured before and after"
     example: ClassVar[Mapping[str, object]] = {"at": 1800.0}
 
-    at: Annotated[float | None, PLACE] = None  # s
-    row: Annotated[float | None, ShapeParameter("1", place=True, said=False)] = None  # counted from 1
+    at: Annotated[float | None, MOMENT] = None  # s
+    row: Annotated[float | None, ShapeParameter("1", place=True, sudden=True, said=False)] = None  # counted from 1
     run: str | None = None
     turned: bool = True
 

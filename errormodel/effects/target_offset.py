@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import model_validator
 
 from errormodel.conventions import TOOL, TRANSLATIONS
-from errormodel.effects.base import PLACE, Channels, Effect, EffectTerm
+from errormodel.effects.base import MOMENT, Channels, Effect, EffectTerm
 from errormodel.effects.ops import Value, absolute, fmax, fmin
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import moments, since
@@ -34,7 +34,7 @@ class TargetOffset(Effect):
     example: ClassVar[Mapping[str, object]] = {"tool": [40.0, 25.0, -180.0]}
 
     tool: Vector | None = None  # mm
-    at: Annotated[float | None, PLACE] = None  # s
+    at: Annotated[float | None, MOMENT] = None  # s
     run: str | None = None
 
     @model_validator(mode="after")

@@ -1,4 +1,4 @@
-"""Comparison of times with positions: notes on a machine that would creep or fly, as with times in another unit."""
+"""Notes on times: that fall from row to row, or by which a machine would creep or fly, as with another unit."""
 
 from __future__ import annotations
 
@@ -19,9 +19,17 @@ _CREEPS, _FLIES = 3600.0, 0.1
 
 
 def clock_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
-    """A note where rows on a path that runs on are too slow to be driven so, or any rows too fast for a machine."""
+    """A note where times fall all along, or rows on a path that runs on creep, or any rows fly as no machine does."""
+    if "time" not in table:
+        return
+    steps = table["time"].groupby(label_numbers(table, ["file", "run"])).diff()
+    if len(table) > 2 and (steps < 0).any() and not (steps > 0).any():
+        yield (
+            "column time: times fall from row to row, so that the rows are taken as measured from the last to the "
+            "first. If this is the time that was left, write the time since the start"
+        )
     joints = [j for j in machine.joints if np.isfinite(table[j.name]).all() and np.ptp(table[j.name]) > 0]
-    if "time" not in table or not joints:
+    if not joints:
         return
     order = measured_order(table)
     time, series = table["time"].to_numpy(dtype=np.float64)[order], label_numbers(table, ["file", "run"])[order]

@@ -31,7 +31,7 @@ from identification.diagnosis.search.candidates import WIDEST, Candidates, Ranke
 from identification.diagnosis.search.conditional_evidence import conditional_scores, in_correlated_noise
 from identification.diagnosis.search.criteria import base_channels
 from identification.diagnosis.search.forward_selection import forward_select
-from identification.diagnosis.search.instrument_noise import line_of_sight, tracker_noise
+from identification.diagnosis.search.instrument_noise import line_of_sight, tracker_noise, weighed_as_before
 from identification.diagnosis.search.model import EffectModel, of_groups, with_estimated_sizes
 from identification.diagnosis.search.model_comparison import compare_alternatives
 from identification.diagnosis.search.proposals import enough_rows, proposed
@@ -80,13 +80,18 @@ def explained(
     isotropic : whether the noise is known to be, because an earlier search left nothing of a line of sight.
     """
     given, plain = survey, fit
+
+    def anew(known: Survey) -> Explanation:
+        known = known if survey is given else weighed_as_before(known, survey, given)
+        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible, isotropic)
+
     linear, candidates = _tried(fit, progress, log, impossible)
     if not isotropic and (seen := tracker_noise(fit, linear, candidates, survey, log)) is not None:
         survey, fit = seen, fit_machine(fit.chain.machine, seen)
         del linear, candidates  # of an arm hundreds of megabytes, and as much again is made
         linear, candidates = _tried(fit, progress, log, impossible)
     if (known := likelier_sides(survey, linear, log=log)) is not None:
-        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible, isotropic)
+        return anew(known)
     scores = candidates.scores(linear).alone()
     looked = dict[object, Array]()
     selected = forward_select(linear, candidates, progress, log=log, looked=looked)
@@ -94,7 +99,7 @@ def explained(
     chosen = compare_alternatives(selected, candidates, progress, log, looked, jumps_instead(selected, log))
     if (known := likelier_sides(survey, linear, [s.effect for s in chosen.steps], log)) is not None:
         log.again()
-        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible, isotropic)
+        return anew(known)
     chosen, wave = _with_wave(chosen, candidates, progress, log, looked)
     if survey is not given and chosen.steps and not line_of_sight(fit, chosen.linear, candidates, log):
         log.again()  # it was what was found

@@ -14,7 +14,9 @@ from identification.diagnosis.results.nameless_evidence import best_of
 from identification.diagnosis.results.recorded_functions import in_one_motion
 from identification.diagnosis.search.model import EffectModel, steps_of
 from identification.diagnosis.search.scoring import Step
-from identification.diagnosis.search.shape_fit import scored
+from identification.diagnosis.search.shape_fit import moment_between, scored
+
+NEARBY = 0.05  # of the recording: where another form has its jump
 
 
 def jumps_instead(model: EffectModel, log: DecisionLog) -> Iterator[list[Step]]:
@@ -31,10 +33,20 @@ def jumps_instead(model: EffectModel, log: DecisionLog) -> Iterator[list[Step]]:
         least = main.evidence - LEAST_EVIDENCE
         if best is None or evidence < least:
             continue
-        jump = jump_of(without, best.element, best.motion, at)
+        jump = jump_of(without, best.element, best.motion, _moment(without, best.element, best.motion, at))
         if (step := scored(without, jump, 1, main.trials, main.names, len(courses))) is not None:
             log.add("strong-alternative", "examined", jump, evidence, least, beside=main.effect)
             yield [*steps_of(g for g in model.findings if g[0] is not main), step]
+
+
+def _moment(linear: LinearModel, element: str, motion: str, near: float) -> float:
+    """When one motion jumps, near the moment at which it does so in all motions of an element."""
+    x = linear.channel(linear.scene.clock)
+
+    def left(edge: float) -> float:
+        return linear.square_with(jump_of(linear, element, motion, edge))
+
+    return moment_between(x, near - NEARBY * np.ptp(x), near + NEARBY * np.ptp(x), near, left)
 
 
 def jump_of(linear: LinearModel, element: str, motion: str, edge: float) -> Unnamed:

@@ -20,6 +20,7 @@ from identification.observation.pose import Pose
 from identification.results.set_ups import set_ups
 from identification.results.versions import read_json
 from identification.uncertainty.measured_range import covered
+from identification.uncertainty.one_side import only_sides
 from identification.uncertainty.recording_end import history_of, runs_of
 
 SCHEMA = "errormodel.fit/1"
@@ -61,6 +62,7 @@ def recorded(fit: Fit) -> dict[str, Any]:
     """What later predictions need to know of the recording: ranges, and the state in which it ended."""
     return {
         "covered": covered(fit.chain, fit.span),
+        "only_sides": only_sides(fit),
         "history": history_of(fit.chain, fit.span),
         "runs": runs_of(fit.chain, fit.span),
     }

@@ -21,6 +21,7 @@ from identification.observation.frames import rotation_notes
 from identification.observation.pose import IDENTITY, Pose
 from identification.results.stored_fit import StoredFit
 from identification.uncertainty.measured_range import beyond_notes
+from identification.uncertainty.one_side import from_other_sides
 from identification.uncertainty.read_on_the_fly import on_the_fly, perhaps_at_rest
 from identification.uncertainty.reading_prediction import predicted_readings, rigid_parts
 from identification.uncertainty.recording_end import (
@@ -129,7 +130,7 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     ended = as_in_last_run(fit.chain, fit.data.get("runs", ()), points.table)
     idle, moving = rested(fit.chain, points.table), on_the_fly(fit.chain, points.table)
     mistakes = (MISTAKE.format(text=text) for text in mended_words(fit.chain.machine))
-    changes = (*late, *ended, *idle, *moving)
+    changes = (*late, *ended, *idle, *moving, *from_other_sides(fit.chain, fit.data.get("only_sides", {}), points))
     return (*mistakes, *own, *_unfitted(fit, points), *free, *beyond, *changes, *_arrivals(fit, points))
 
 

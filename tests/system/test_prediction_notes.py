@@ -190,3 +190,20 @@ def test_a_table_with_a_mistake_comes_back_as_it_was(tmp_path: Path, blunder: st
     np.testing.assert_allclose(predicted[joints], poses[joints], rtol=1e-12)
     np.testing.assert_allclose(predicted[XYZ], pd.read_csv(tmp_path / "s.csv")[XYZ], atol=0.01)
     assert np.abs(predicted[E].to_numpy()).max() < 0.05
+
+
+def test_points_from_a_side_that_was_not_measured_are_said(tmp_path: Path) -> None:
+    """X always comes from smaller positions: where it returns to the start of a line, it may have overrun it."""
+    x, y = np.meshgrid(np.linspace(50, 450, 9), np.linspace(50, 350, 7))
+    z = np.random.default_rng(2).uniform(-300, -50, x.size)
+    rows = pd.DataFrame({"X": x.ravel(), "Y": y.ravel(), "Z": z})
+    points = rows.iloc[:30].assign(X=np.linspace(440, 60, 30), Y=200.0)
+    said = {}
+    for name, table in {"one": rows, "both": pd.concat([rows, rows.iloc[::-1]])}.items():
+        table.to_csv(tmp_path / f"{name}.csv", index=False)
+        points.to_csv(tmp_path / "p.csv", index=False)
+        done("simulate", MILL, tmp_path / f"{name}.csv", "--noise", 0.002, "--out", tmp_path / "s.csv")
+        done("fit", MILL, tmp_path / "s.csv", "--out", tmp_path / name)
+        said[name] = done("predict", tmp_path / name, tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
+    assert "29 points by X (dir_X -1) are reached from the side from which no row was measured" in said["one"]
+    assert "from which no row" not in said["both"]

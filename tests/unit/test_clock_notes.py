@@ -44,3 +44,11 @@ def test_without_times_or_moves_nothing_is_said() -> None:
     assert not list(clock_notes(table.drop(columns="time"), MILL))
     assert not list(clock_notes(table.assign(X=1.0, Y=2.0, Z=3.0), MILL))
     assert not list(clock_notes(table.assign(time=7.0), MILL))
+
+
+def test_times_that_fall_all_along_are_noted() -> None:
+    table = survey(2.0, True)
+    (note,) = clock_notes(table.assign(time=table["time"].to_numpy()[::-1]), MILL)
+    assert "times fall from row to row" in note
+    half = table.assign(run=np.repeat(["2", "1"], [ROWS // 2, ROWS - ROWS // 2]))
+    assert not list(clock_notes(half.iloc[::-1].assign(time=np.tile(np.arange(ROWS // 2), 2)), MILL))

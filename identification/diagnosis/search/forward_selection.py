@@ -14,6 +14,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
+from errormodel.effects.shared import SLOWEST
 from identification.diagnosis.decisions.constants import LEAST_EVIDENCE, LITTLE, MUCH, NEAR, NO_WORSE
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, named, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
@@ -269,7 +270,9 @@ def refit_time_constants(model: EffectModel) -> EffectModel:
             reach = 1.0 if tau else 1.8
             # what settles between two rows is an error of one row
             least = middle - reach if "time" not in step.effect.drivers else np.log(SETTLING_ROWS * _between(model))
-            bounds = (min(max(middle - reach, least), middle), middle + reach)
+            # what settles longer than is searched shows no settling: two such would make any drift
+            most = np.log(SLOWEST * model.start.scene.duration)
+            bounds = (min(max(middle - reach, least), middle), max(min(middle + reach, most), middle))
             found = minimize_scalar(left, bounds=bounds, method="bounded", options={"maxiter": 12})
             if found.fun < rest.square_with(step.effect) - 1e-9:
                 steps = list(model.steps)

@@ -78,6 +78,12 @@ def tracker_noise(
     return replace(survey, instrument=relative, sized=False, notes=(*survey.notes, _note(tracker, points)))
 
 
+def weighed_as_before(survey: Survey, seen: Survey, given: Survey) -> Survey:
+    """A survey that was `seen` as a tracker's with the noise that was `given`, since more is known of its rows."""
+    more = tuple(note for note in survey.notes if note not in seen.notes)
+    return replace(survey, instrument=given.instrument, sized=given.sized, notes=(*given.notes, *more))
+
+
 def line_of_sight(fit: Fit, linear: LinearModel, candidates: Candidates, log: DecisionLog = UNRECORDED) -> bool:
     """Whether the residuals still show a line of sight beside what was found; as before where they are not noise."""
     cleared = _noise(fit, linear, candidates, log)

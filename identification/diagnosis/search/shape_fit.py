@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.constants import ABSORBED, FORM_ABSORBED
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
@@ -16,6 +17,7 @@ from identification.diagnosis.search.refinement import discrepancy
 from identification.diagnosis.search.scoring import Step
 
 ROUNDED = 0.01  # log Bayes factor: round-off of scores from columns in single precision
+MOMENTS = 20  # places of a sudden change that are tried at a time
 MAYBE = 0.5  # of the best evidence
 
 
@@ -118,9 +120,12 @@ def _optimised(candidates: Candidates, scores: Scores, linear: LinearModel, numb
         def left(x: float, name: str = name, effect: Effect = effect) -> float:
             return linear.square_with(effect.model_copy(update={name: float(x)}))
 
-        found = minimize_scalar(left, bounds=(below, above), method="bounded", options={"maxiter": 20})
-        if found.fun < left(value):
-            effect = effect.model_copy(update={name: float(found.x)})
+        if kind.sudden:
+            best = moment_between(linear.channel(effect.drivers[0]), below, above, value, left)
+        else:
+            best = float(minimize_scalar(left, bounds=(below, above), method="bounded", options={"maxiter": 20}).x)
+        if left(best) < left(value):
+            effect = effect.model_copy(update={name: best})
     counts = trials, len(candidates.places), candidates.places[effect.effect]
     step = scored(linear, effect, len(family), *counts)
     if effect.random:  # of the likeliest size
@@ -129,6 +134,24 @@ def _optimised(candidates: Candidates, scores: Scores, linear: LinearModel, numb
         # where the squares are least a size may be beyond what is usual
         step = scored(linear, candidates.effects[number], len(family), *counts)
     return step
+
+
+def moment_between(x: Array, below: float, above: float, value: float, left: Callable[[float], float]) -> float:
+    """Of the places between two neighbouring values of a channel within bounds, the one where least is `left`.
+
+    Of many, first of every so many; then of all between the best of these and its neighbours.
+    """
+    values = np.unique(x)
+    places = (values[1:] + values[:-1]) / 2
+    while len(places := places[(places > below) & (places < above)]):
+        every = -(-len(places) // MOMENTS)
+        some = places[::every]
+        value = float(some[int(np.argmin([left(float(p)) for p in some]))])
+        if every == 1:
+            break
+        n = int(np.searchsorted(places, value))
+        below, above = float(places[max(n - every, 0)]), float(places[min(n + every, len(places) - 1)])
+    return value
 
 
 def scored(linear: LinearModel, effect: Effect, shapes: int, trials: int, names: int, places: int) -> Step | None:

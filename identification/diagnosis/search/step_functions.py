@@ -26,6 +26,7 @@ EDGES = np.arange(16) / 32  # of a period: after half of one it switches back
 FINER = 5.0  # times: the last sweep
 SWEEPS = 3
 STEPS = np.linspace(0.06, 0.94, 23)  # of a channel's range, where a single edge may be
+MOST = 500  # places of an edge between the values that a channel has
 ALONE = 8.0  # half ranges: a period of which one edge is within the range
 
 
@@ -49,7 +50,11 @@ class _Driver:
         """Other periods and edges, `narrow` times nearer than at first."""
         if self.once:
             low, high = float(self.x.min()), float(self.x.max())
-            edges = low + (high - low) * STEPS if narrow == 1 else self.edge + (high - low) * (STEPS - 0.5) / narrow
+            edges = low + (high - low) * STEPS
+            if narrow > 1:  # between the values that there are
+                values = np.unique(self.x)
+                between = (values[1:] + values[:-1]) / 2
+                edges = between[np.abs(between - self.edge) < (high - low) / narrow / 2][:: len(between) // MOST + 1]
             yield from (replace(self, edge=float(e)) for e in edges)
             return
         for factor in PERIODS ** (1 / narrow):
