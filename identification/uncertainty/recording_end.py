@@ -114,8 +114,9 @@ def as_in_last_run(chain: Chain, runs: Sequence[str], table: pd.DataFrame) -> It
     """Notes on what is predicted as the recording ended: in runs that were not recorded, or without a clock."""
     if "row" in chain.channels:
         yield (
-            "what changed from a row of the recording on, which has no column time, is predicted as the recording "
-            "ended, in rows that follow its last one; what has no name is forgotten as they go on"
+            "the recording has no column time: rows are predicted as if they followed its last one. What a name "
+            "explains stays as it was there; what has no name returns to its mean as they go on, and its uncertainty "
+            "grows to its size"
         )
     if not runs or not (later := _not_recorded(runs, table)).any():
         return

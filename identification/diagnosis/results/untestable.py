@@ -38,6 +38,7 @@ def unseen(scene: Scene, scores: Scores, found: Collection[Effect], log: Decisio
         before = least.get(place, (1.0, 0.0))
         least[place] = min(before[0], *scores.absorbed[numbers]), max(before[1], *scores.expected_delta_chi2[numbers])
     shown = set(map(variant_of, found))
+    there = {(effect.effect, effect.where) for effect in found}  # seen by another clock or sensor
     out = []
     for name, kind in sorted(registry().items()):
         if kind.empirical or not kind.traits().physical:
@@ -54,6 +55,8 @@ def unseen(scene: Scene, scores: Scores, found: Collection[Effect], log: Decisio
                 continue
             where = variant[1] if not both else f"{variant[1]} {'as it changes' if variant[2] else 'if constant'}"
             part, expected_delta_chi2 = least.get(variant, (None, np.inf))
+            if part is None and variant[:2] in there:
+                continue
             if part is None and variant in proposed:
                 log.add("not-in-readings", "not considered", effects[0], beside=" ".join(scene.readings))
                 reasons.setdefault(f"none of the readings ({', '.join(scene.readings)}) depends on it", []).append(
