@@ -14,16 +14,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from errormodel.channels import root
 from errormodel.effects.base import Effect
-from identification.diagnosis.decisions.constants import DEPARTURES, EVEN, MUCH, NAME_ODDS, NEAR
+from identification.diagnosis.decisions.constants import CLEARLY, DEPARTURES, EVEN, MUCH, NAME_ODDS, NEAR
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.findings import Alternative, Finding, probabilities_of, probability_of
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.physical_limits import nameless
-from identification.diagnosis.results.recorded_functions import Functions, in_one_motion, wandering
+from identification.diagnosis.results.recorded_functions import Functions, alike_motions, in_one_motion, wandering
 from identification.diagnosis.search.candidates import score_of
-from identification.diagnosis.search.criteria import base_channels
+from identification.diagnosis.search.criteria import base_channels, moves
 from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.scoring import DETECT, Step
 
@@ -70,10 +71,14 @@ def refusal(model: EffectModel, group: Sequence[Step], functions: Sequence[Funct
     single, _, motion = best_of(without, courses)
     single -= float(np.log(max(len(courses), 1)))  # each of these motions is as likely
     instead, _, best = best_of(without, functions)
+    departure = DEPARTURE_COST * float(np.sqrt(explained / own))
+    evidence += max(further - departure, 0.0)
+    if NAME_ODDS < instead - evidence < CLEARLY and best is not None and _of_its_form(without, main, best):
+        # any other form of the same motion by the same channels is as unlikely as an empirical term
+        instead, _, best = best_of(without, [f for f in functions if not _of_its_form(without, main, f)])
     if single > instead:
         instead, best = single, motion
-    departure = DEPARTURE_COST * float(np.sqrt(explained / own))
-    lead = evidence + max(further - departure, 0.0) - instead + NAME_ODDS
+    lead = evidence - instead + NAME_ODDS
     log.add("nameless-alternative", "kept" if lead > 0 else "refused", main, lead, 0.0, beside=_words(best))
     return None if lead > 0 else f"a function without a name explains as much ({_words(best)})"
 
@@ -111,6 +116,17 @@ def _of_any_size(linear: LinearModel, effects: Sequence[Effect]) -> tuple[float,
         evidence += max(usual, 0.0, linear.random(linear.columns(effect)[0]).best()[1])
         linear = linear.with_effect(effect)
     return evidence, linear
+
+
+def _of_its_form(linear: LinearModel, effect: Effect, function: Functions) -> bool:
+    """Whether a function is a motion of the effect, or one alike at another element, by the effect's channels.
+
+    Not by its own joint's position, of which any curve is usual.
+    """
+    if not {*map(root, function.channels)} <= {*map(root, effect.drivers)} - {effect.where}:
+        return False
+    own, place = moves(linear, effect), (function.element, function.motion)
+    return place in own or any(place in alike_motions(linear, *one) for one in own)
 
 
 def _one_name(one: Effect, other: Effect) -> bool:
