@@ -38,6 +38,7 @@ from identification.diagnosis.search.known_products import KnownProducts, begun_
 from identification.diagnosis.search.proposals import proposed
 from identification.runtime.parallel import parallel_map
 
+ROUNDED = 1e-10  # of the largest of squares: as much is rounding
 AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
 T = TypeVar("T")
 Scored = tuple[Array, Array, Array, Array]  # evidence, delta chi2, absorbed part and expected delta chi2 of proposals
@@ -364,6 +365,26 @@ def free_scores(noise: Left, gram: Array, slope: Array, square: Array, empirical
         np.clip(absorbed, 0.0, 1.0),
         expected_delta_chi2,
     )
+
+
+def joint_evidence(noise: Left, gram: Array, slope: Array) -> float:
+    """Log Bayes factor of the parameters of several effects together, whose prior sizes are a mixture as of one.
+
+    What is left of each is alike where they are two lags of one sensor, so that no direction is taken to be hidden.
+
+    Parameters
+    ----------
+    gram, slope : products (k, k) of the projected columns, times their usual sizes, and (k,) with the residual.
+    """
+    from scipy.special import logsumexp
+
+    values, vectors = np.linalg.eigh(gram)
+    seen = values > ROUNDED * values[-1]
+    variance = noise.square / noise.freedom
+    delta_chi2 = np.square(vectors[:, seen].T @ slope)[None] / values[seen] / variance
+    gain = values[None, seen] / variance
+    by_size = [_log_evidence(noise, delta_chi2, gain * s**2)[0] for s in SIZES]
+    return float(logsumexp(by_size, b=[*SIZES.values()]))
 
 
 def random_scores(noise: Left, gram: Array, slope: Array, square: Array) -> Scored:

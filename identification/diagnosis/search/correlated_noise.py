@@ -18,7 +18,7 @@ from identification.diagnosis.decisions.constants import EVEN, NOISE
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.random_effects import RandomEffects
 from identification.diagnosis.search.blocks import NOTHING
-from identification.diagnosis.search.candidates import free_scores, random_scores
+from identification.diagnosis.search.candidates import free_scores, joint_evidence, random_scores
 from identification.diagnosis.search.filtered_models import DependentError, FilteredModel, FromBasis, FromProducts
 from identification.diagnosis.search.weighed_products import WeighedProducts
 from identification.estimation.noise import Noise, noises, series_edges
@@ -31,13 +31,13 @@ def evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tu
     sizes = [np.concatenate([linear.columns(e)[1] for e in group]) for group in groups]  # usual ones
     ends = np.cumsum([0, *map(len, sizes)]).tolist()
     mains = [main for main, *_ in groups]
-    kinds: dict[tuple[bool, int], list[int]] = {}
+    kinds: dict[tuple[bool, int, int], list[int]] = {}
     for k, main in enumerate(mains):
-        kinds.setdefault((main.random, len(sizes[k])), []).append(k)
+        kinds.setdefault((main.random, len(groups[k]), len(sizes[k])), []).append(k)
     rows, model = [], filtered_model(linear)
     for filtered, left in zip(model.filtered, model.left_of(groups), strict=True):
         gains = np.empty(len(groups))
-        for (random, _), some in kinds.items():
+        for (random, together, _), some in kinds.items():
             own, size = [slice(ends[k], ends[k + 1]) for k in some], np.array([sizes[k] for k in some])
             gram = np.array([left.grams[k] for k in some]) * size[:, :, None] * size[:, None, :]
             slope = np.array([left.slopes[s] for s in own]) * size
@@ -45,12 +45,14 @@ def evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tu
             undefined = ~np.isfinite(gram).all(axis=(1, 2))
             gram[undefined], slope[undefined], square[undefined] = 0.0, 0.0, 0.0
             square = np.maximum(square, NOTHING)
-            if random:
+            if together > 1 and not random:
+                gains[some] = [joint_evidence(filtered, g, s) for g, s in zip(gram, slope, strict=True)]
+            elif random:
                 gains[some] = random_scores(filtered, gram, slope, square)[0]
             else:
                 empirical = np.array([mains[k].empirical for k in some])
                 gains[some] = free_scores(filtered, gram, slope, square, empirical)[0]
-        gains -= np.array([main.cost for main in mains])
+        gains -= np.array([sum(e.cost for e in group) for group in groups])
         rows.append([filtered.likelihood, *(filtered.likelihood + gains)])
     without, *with_each = logsumexp(rows, axis=0, b=_beforehand(len(rows))).tolist()
     white = np.array(rows[0][1:]) - rows[0][0]
