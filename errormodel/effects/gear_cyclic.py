@@ -16,13 +16,17 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Positive, frequencies, joint_as, resolved, waves
 from errormodel.machine import Machine
 
+RATIO = 160.0  # largest usual ratio of a strain-wave gear, which errs twice a turn of its input
+
 
 class GearCyclic(JointEffect):
     """``sin * sin(per_turn q) + cos * cos(per_turn q)`` about the axis in rad; `per_turn` need not be an integer."""
 
     effect: ClassVar[str] = "gear-cyclic"
     family: ClassVar[str] = "periodic"
-    source: ClassVar[str] = "worm tables: 90 to 180 a turn, 10 to 50 urad; strain-wave gears: twice a turn of the input"
+    source: ClassVar[str] = (
+        "worm tables: 90 to 180 a turn, 10 to 50 urad; strain-wave gears of ratios 50 to 160: twice a turn of the input"
+    )
     alike: ClassVar[tuple[str, ...]] = ("eccentricity", "higher-order-geometry")
     separate: ClassVar[str] = "200 positions over three periods, at steps that are no fraction of the period"
     example: ClassVar[Mapping[str, object]] = {"joint": "B", "per_turn": 90.0}
@@ -49,9 +53,9 @@ class GearCyclic(JointEffect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        """Rates from above 3 to 200 per revolution that the poses resolve, with at least three periods in the span."""
+        """Rates from above 3 to twice `RATIO` a turn that the poses resolve, with three periods or more in the span."""
         for joint in scene.rotary:
             turns = float(np.ptp(scene.span(joint))) / (2 * math.pi)
-            most = 2 * math.pi / resolved(scene, joint, math.pi / 100)
+            most = 2 * math.pi / resolved(scene, joint, math.pi / RATIO)
             for rate in frequencies(turns, max(4.0, 3 / turns), most):
                 yield cls(joint=joint.name, per_turn=rate)
