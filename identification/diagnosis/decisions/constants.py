@@ -24,8 +24,9 @@ LEAST_EVIDENCE = 7.0
 """Log Bayes factor, odds of 1000 to 1: with less nothing is examined, and no search begins from it."""
 
 CLEARLY = 6.0
-"""Log prior odds of physics that has a name against an empirical term, which fits anything; calibrated by the Brier
-score of 389 findings of the proof (seeds 69069 and 271828). Near-ties are nearer than that."""
+"""Log prior odds of physics that has a name against an empirical term, which fits anything, and against any other form
+of the same motion by the same channel; calibrated by the Brier score of 389 findings of the proof (seeds 69069 and
+271828). Near-ties are nearer than that."""
 
 LEAST_P_VALUE = 1e-3
 """Chance below which a test of what is left finds something: one false alarm in 1000 surveys."""

@@ -295,7 +295,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "nameless-alternative": Rule(
             NAMES, EVIDENCE, "A finding has a name only if no function without one explains it better.",
-            _decided("NAME_ODDS", "DEPARTURES"),
+            _decided("NAME_ODDS", "DEPARTURES", "CLEARLY"),
         ),
         "remainder-of-name": Rule(
             NAMES, RATIO, "An effect has no name if as much is clearly left that a function without one explains.",
