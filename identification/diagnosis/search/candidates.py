@@ -22,9 +22,11 @@ from identification.diagnosis.decisions.constants import ABSORBED, FORM_ABSORBED
 from identification.diagnosis.linear.known_models import Latest, Lineage
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.random_effects import scores_of
-from identification.diagnosis.search.alike_blocks import AlikeBlocks
+from identification.diagnosis.search.alike_blocks import AlikeBlocks, products_of
 from identification.diagnosis.search.blocks import (
+    COLUMNS,
     NOTHING,
+    SINGLE,
     Block,
     Kind,
     Made,
@@ -32,7 +34,6 @@ from identification.diagnosis.search.blocks import (
     blocks_of,
     columns_of,
     gram_of,
-    products,
 )
 from identification.diagnosis.search.known_products import KnownProducts, begun_with, keep_begun
 from identification.diagnosis.search.proposals import proposed
@@ -181,34 +182,39 @@ class Candidates:
         known, begun = begun_with(self._begun, linear.lineage) or ([alike.gram for alike in self._alike], 0)
         grams = [gram.copy() for gram in known]
         slopes = [np.empty_like(alike.slope) for alike in self._alike]
-        place = {k: (n, rows) for n, alike in enumerate(self._alike) for k, rows in alike.places.items()}
-        for k, product in enumerate(self._along(linear, begun)):
-            n, rows = place[k]
+        for n, rows, product in self._along(linear, begun):
+            taken = gram_of(product[..., :-1])
+            if not np.isfinite(taken).all():
+                raise FloatingPointError("products of design columns are not finite")
             slopes[n][rows] = product[..., -1]
-            grams[n][rows] -= gram_of(product[..., :-1])
+            grams[n][rows] -= taken
         keep_begun(self._begun, linear.lineage, grams, linear.basis.shape[1] - self.blocks[0].rank)
         return list(zip(grams, slopes, strict=True))
 
-    def _along(self, linear: LinearModel, begun: int) -> Iterator[Array]:
-        """Products (m, k, r + 1) of each block's columns with the basis from some column on, and with the residual.
+    def _along(self, linear: LinearModel, begun: int) -> Iterator[tuple[int, slice, Array]]:
+        """Products (m, k, r + 1) of columns with the basis from some column on, and with the residual.
 
-        Columns are counted from the end of the geometry.
+        They are of some proposals of a list of those alike, whose number comes first. Columns of the basis are counted
+        from the end of the geometry.
         """
         (size, _), rank = linear.plain or linear.basis.shape, self.blocks[0].rank
         if sum(block.sizes.size for block in self.blocks) < linear.basis.shape[1]:  # few: nothing is worth keeping
             both = np.column_stack([linear.basis[:size, rank + begun :], linear.residual[:size]])
-            yield from (own.astype(float) for own in products(self.blocks, Vectors(both)))
+            for n, own in enumerate(products_of(self._alike, self.blocks, Vectors(both), float)):
+                yield n, slice(None), own.astype(float, copy=False)
             return
-        before = self._products[0] if self._products else KnownProducts.of(self.blocks, size)
-        known, basis, residual = before.of_model(self.blocks, linear)
+        before = self._products[0] if self._products else KnownProducts.of(self._alike, size)
+        known, basis, residual = before.of_model(self._alike, self.blocks, linear)
         self._products[:] = [known]
-        along = np.column_stack([basis[:, begun:], residual])
-        for own in known.products:
-            with np.errstate(invalid="ignore"):  # OpenBLAS once raised it, which could not be brought about again
-                product = own.reshape(-1, own.shape[2]) @ along.astype(own.dtype)
-            if not np.isfinite(product).all():
-                raise FloatingPointError("products of design columns are not finite")
-            yield product.reshape(*own.shape[:2], -1).astype(float)
+        along = np.column_stack([basis[:, begun:], residual]).astype(SINGLE)
+        for n, own in enumerate(known.products):
+            most = max(COLUMNS // own.shape[1], 1)
+            for first in range(0, len(own), most):
+                rows = slice(first, first + most)
+                some = own[rows]
+                with np.errstate(invalid="ignore"):  # OpenBLAS once raised it, which could not be brought about again
+                    product = some.reshape(-1, own.shape[2]) @ along
+                yield n, rows, product.reshape(*some.shape[:2], -1).astype(float)
 
 
 def _keep(kept: OrderedDict[Lineage, T], lineage: Lineage, value: T) -> None:
