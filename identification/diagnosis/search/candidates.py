@@ -44,7 +44,7 @@ T = TypeVar("T")
 Scored = tuple[Array, Array, Array, Array]  # evidence, delta chi2, absorbed part and expected delta chi2 of proposals
 MANY, PARTS = 1000, 4  # proposals beyond which columns are made in parallel, in so many parts
 BEGUN_BYTES = 30_000_000  # of products of projected columns that other models begin with; by judgement
-KEPT = 16  # linear models whose scores are kept; by judgement: a search returns to about as many
+KEPT = 48  # linear models whose scores are kept; by judgement: a search that begins anew returns to about as many
 WIDEST = 3 * max(SIZES)  # times the usual one: standard deviation of the prior of the final fit
 
 
@@ -88,20 +88,26 @@ class Candidates:
 
     def _that_move(self) -> Candidates:
         """Without proposals that move nothing in these rows, or are not defined in some."""
-        moves = [block.square.max(axis=1) > NOTHING for block in self.blocks]
-        if all(m.all() for m in moves):
-            return self
         kept = np.zeros(len(self.effects), dtype=bool)
-        for block, some in zip(self.blocks, moves, strict=True):
-            kept[block.numbers[some]] = True
-        number = np.cumsum(kept) - 1
-        blocks = []
-        for block, some in zip(self.blocks, moves, strict=True):
+        for block in self.blocks:
+            kept[block.numbers] = block.square.max(axis=1) > NOTHING
+        return self.part(kept)
+
+    def part(self, kept: Mask) -> Candidates:
+        """Some of the proposals, and what is known of their scores."""
+        if kept.all():
+            return self
+        number, blocks = np.cumsum(kept) - 1, []
+        for block in self.blocks:
+            some = kept[block.numbers]
             own = block if some.all() else block.part(some)  # most stay as they are: a copy would be of gigabytes
             if some.any():
                 blocks.append(own._replace(numbers=number[own.numbers]))
         effects = [e for e, keep in zip(self.effects, kept, strict=True) if keep]
-        return Candidates(effects, blocks, [e.key for e in effects])
+        known = OrderedDict[Lineage, Scored]()
+        for lineage, (evidence, delta_chi2, absorbed, expected) in self._known.items():
+            known[lineage] = evidence[kept], delta_chi2[kept], absorbed[kept], expected[kept]
+        return Candidates(effects, blocks, [e.key for e in effects], (), known)
 
     @cached_property
     def of_key(self) -> dict[tuple[object, ...], list[int]]:
@@ -130,6 +136,14 @@ class Candidates:
         parts = tuple(part.branch() for part in self.parts)
         known = self._known.copy(), self._products.copy(), self._begun.copy()
         return Candidates(self.effects, self.blocks, self.keys, parts, *known)
+
+    def learn(self, branch: Candidates) -> None:
+        """Take over the scores that a branch has found."""
+        for lineage, values in branch._known.items():
+            if lineage not in self._known:
+                _keep(self._known, lineage, values)
+        for part, own in zip(self.parts, branch.parts, strict=True):
+            part.learn(own)
 
     def scores(self, linear: LinearModel) -> Scores:
         """Scores of each proposal, given the effects that the linear model holds."""

@@ -26,6 +26,11 @@ from identification.estimation.noise import Noise, noises, series_edges
 
 def evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tuple[float, float]]:
     """Log Bayes factor of each group of effects, given the linear model: in white noise, and over all noises."""
+    every = tuple(e for group in groups for e in group)
+    return linear.answer(lambda: _evidence(linear, groups), every, "any noise", *map(len, groups))
+
+
+def _evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tuple[float, float]]:
     from scipy.special import logsumexp
 
     sizes = [np.concatenate([linear.columns(e)[1] for e in group]) for group in groups]  # usual ones
