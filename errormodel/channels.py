@@ -101,6 +101,11 @@ def root(name: str) -> str:
     return call[2] if call else name
 
 
+def follows_sides(name: str) -> bool:
+    """Whether a channel depends on directions of approach: these, positions after a play, and speeds."""
+    return name.startswith(("dir_", "play(")) or bool(SPEED_CHANNEL.fullmatch(name))
+
+
 def columns(table: pd.DataFrame, names: Sequence[str]) -> list[Array]:
     """Several channels over all rows, each (n,), with temperatures smoothed over time (`settled`).
 

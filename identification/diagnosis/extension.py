@@ -15,7 +15,6 @@ from identification.diagnosis.data_checks.first_approach import likelier_sides
 from identification.diagnosis.decisions.constants import NO_WORSE
 from identification.diagnosis.decisions.log import DecisionLog, ratio
 from identification.diagnosis.jumps import jumps_instead
-from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.of_fit import LEAST_RUN, MOST_ROWS, set_up, unused_runs
 from identification.diagnosis.linear.row_residuals import spread
 from identification.diagnosis.results.combined_waves import Wave, largest_wave
@@ -35,6 +34,7 @@ from identification.diagnosis.search.instrument_noise import line_of_sight, trac
 from identification.diagnosis.search.model import EffectModel, of_groups, with_estimated_sizes
 from identification.diagnosis.search.model_comparison import compare_alternatives
 from identification.diagnosis.search.proposals import enough_rows, proposed
+from identification.diagnosis.search.taken_over import Searched
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
 from identification.runtime.memory import give_back
@@ -70,6 +70,7 @@ def explained(
     log: DecisionLog,
     impossible: Callable[[Effect], bool] | None = None,
     isotropic: bool = False,
+    before: list[Searched] | None = None,
 ) -> Explanation:
     """What explains a fit's residuals, and the survey fitted with it.
 
@@ -78,18 +79,23 @@ def explained(
     changes : effects that mend blunders.
     impossible : whether an effect is no candidate, because an earlier search found it larger than physics has it.
     isotropic : whether the noise is known to be, because an earlier search left nothing of a line of sight.
+    before : one earlier search of the same rows with other directions of approach; the list is emptied, as nobody else
+        is to keep the hundreds of megabytes.
     """
     given, plain = survey, fit
 
-    def anew(known: Survey) -> Explanation:
+    def anew(known: Survey, before: list[Searched] | None = None) -> Explanation:
         known = known if survey is given else weighed_as_before(known, survey, given)
-        return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible, isotropic)
+        own = fit_machine(fit.chain.machine, known)
+        return explained(own, known, changes, progress, log, impossible, isotropic, before)
 
-    linear, candidates = _tried(fit, progress, log, impossible)
+    searched = _tried(fit, progress, log, impossible, before.pop() if before else None)
+    linear, candidates = searched.linear, searched.candidates
     if not isotropic and (seen := tracker_noise(fit, linear, candidates, survey, log)) is not None:
         survey, fit = seen, fit_machine(fit.chain.machine, seen)
-        del linear, candidates  # of an arm hundreds of megabytes, and as much again is made
-        linear, candidates = _tried(fit, progress, log, impossible)
+        del linear, candidates, searched  # of an arm hundreds of megabytes, and as much again is made
+        searched = _tried(fit, progress, log, impossible)
+        linear, candidates = searched.linear, searched.candidates
     if (known := likelier_sides(survey, linear, log=log)) is not None:
         return anew(known)
     scores = candidates.scores(linear).alone()
@@ -99,7 +105,10 @@ def explained(
     chosen = compare_alternatives(selected, candidates, progress, log, looked, jumps_instead(selected, log))
     if (known := likelier_sides(survey, linear, [s.effect for s in chosen.steps], log)) is not None:
         log.again()
-        return anew(known)
+        before = [searched]
+        del linear, candidates, searched, selected, chosen
+        return anew(known, before)
+    del searched
     chosen, wave = _with_wave(chosen, candidates, progress, log, looked)
     if survey is not given and chosen.steps and not line_of_sight(fit, chosen.linear, candidates, log):
         log.again()  # it was what was found
@@ -192,8 +201,12 @@ def _by_temperature(effect: Effect) -> bool:
 
 
 def _tried(
-    fit: Fit, progress: Progress, log: DecisionLog, impossible: Callable[[Effect], bool] | None
-) -> tuple[LinearModel, Candidates]:
+    fit: Fit,
+    progress: Progress,
+    log: DecisionLog,
+    impossible: Callable[[Effect], bool] | None,
+    before: Searched | None = None,
+) -> Searched:
     """The linear model of a fit, and every effect at every place that its survey shows and that is possible."""
     with progress("Trying all effects at all places"):
         linear = set_up(fit)
@@ -205,9 +218,9 @@ def _tried(
             log.add("rows-used", "found", "rows", len(fit.survey), most)
         for label, count in unused_runs(fit.survey):
             log.add("run-labels", "not considered", f"run {label}", count, LEAST_RUN)
-        candidates = Candidates.of(linear, library)
-        candidates.scores(linear)
-    return linear, candidates
+        searched = before.again(linear, library) if before else Searched.of(linear, library)
+        searched.candidates.scores(searched.linear)
+    return searched
 
 
 def _extended(machine: Machine, effects: list[Effect]) -> Machine:

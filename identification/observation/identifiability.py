@@ -127,9 +127,9 @@ def find_groups(
     singular = np.linalg.svd(unit, compute_uv=False)
     # weakly observable columns stay independent, but are chosen last as base columns, and dropped below the noise
     strength = norms[order] / np.maximum(scale[order], norms[order])
-    sizes = np.linalg.svd(unit * strength, compute_uv=False)
+    _, sizes, directions = np.linalg.svd(unit * strength, full_matrices=False)
     rank = min(int((singular > least).sum()), int((sizes > floors.direction).sum()))
-    chosen = _first_independent(unit, strength, rank)
+    chosen = _first_independent(sizes[:rank, None] * directions[:rank], strength)
     # a_dependent = A_base K, column by column
     mix = np.zeros((rank, len(order)))
     mix[np.arange(rank), chosen] = 1.0
@@ -148,13 +148,16 @@ def find_groups(
     return Groups(tuple(ids), base, coefficients, no_effect, singular, margin)
 
 
-def _first_independent(unit: Array, strength: Array, rank: int) -> list[int]:
-    """The first `rank` columns that are clearly independent of those chosen before: in order, those hardly seen last.
+def _first_independent(seen: Array, strength: Array) -> list[int]:
+    """The first columns (rank, n) that are clearly independent of those before: in order, those hardly seen last.
 
     A group whose members move the measured points very unequally is not named after one that hardly does.
+
+    Parameters
+    ----------
+    seen : the columns projected to exactly the rank, which is as many as are chosen.
     """
-    _, singular, directions = np.linalg.svd(unit * strength, full_matrices=False)
-    seen = singular[:rank, None] * directions[:rank]  # the columns projected to exactly this rank
+    rank = len(seen)
     q = np.zeros((rank, rank))
     chosen: list[int] = []
     clearly = 1e-3

@@ -90,15 +90,19 @@ class Pass:
 
 @dataclass
 class _Products:
-    """Products of functions and residuals (the same, the same), summed over rows; sum and largest of their lengths."""
+    """Products of functions and residuals (the same, the same), summed over rows; sum and largest of their lengths.
+
+    Without a Gram matrix their last columns, those with the residuals, may be all that there is.
+    """
 
     sums: Array
     length: float = 0.0
     longest: float = 0.0
 
     def added(self, other: _Products) -> _Products:
-        """Those of the rows of both."""
-        return _Products(self.sums + other.sums, self.length + other.length, max(self.longest, other.longest))
+        """Those of the rows of both, in the place of the first."""
+        self.sums += other.sums  # of a thousand functions a new one takes as long as their products
+        return _Products(self.sums, self.length + other.length, max(self.longest, other.longest))
 
     def add_lengths(self, left: Array) -> None:
         """Take in the lengths of residuals (components, m)."""
@@ -161,28 +165,28 @@ class _Alike:
     def sums(self, span: slice) -> _Products:
         """Products of a range of rows; those of residuals in the last columns."""
         n, c, whitener = self.size, len(self.selectors), self.task.view.whitener
-        out = _Products(np.zeros((n + c, n + c)))
+        out = _Products(np.zeros((n + c, n + c if self.task.gram else c)))
         for part, functions, gap in self.blocks(span):
             one = self.weight is not None
             white, left = (functions, gap) if one else (functions * whitener[part], gap * whitener[part])
             if self.task.gram:
                 out.sums[:n, :n] += white @ white.T
-            out.sums[:n, n:] += white @ left.T
-            out.sums[range(n, n + c), range(n, n + c)] += np.vecdot(left, left)
+            out.sums[:n, -c:] += white @ left.T
+            out.sums[range(n, n + c), range(-c, 0)] += np.vecdot(left, left)
             if self.task.lengths:
                 out.add_lengths(left)
         return out
 
     def total(self, products: _Products) -> Sums:
         """Sums over the columns, from the products."""
-        n, task, own = self.size, self.task, products.sums
+        n, c, task, own = self.size, len(self.selectors), self.task, products.sums
         level = 1.0 if self.weight is None else self.weight
         sums = Sums.zero(len(task.columns))
         for k, (place, factor) in enumerate(self.selectors):
             if task.gram:
                 sums.gram += level**2 * np.outer(factor, factor) * own[np.ix_(place, place)]
-            sums.slope += level**2 * factor * own[place, n + k]
-            sums.square += level**2 * float(own[n + k, n + k])
+            sums.slope += level**2 * factor * own[place, k - c]
+            sums.square += level**2 * float(own[n + k, k - c])
         sums.length, sums.longest = level * products.length, level * products.longest
         return sums
 

@@ -6,12 +6,13 @@ A search asks for the same models again and again: without a finding, with one o
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from errormodel.effects.base import Effect
 
+Question = tuple[tuple[Effect, ...], tuple[Effect, ...], tuple[Hashable, ...]]
 MOST_BYTES = 60_000_000  # of each kind: limits the memory; by judgement: a search looks at some dozen models in turn
 
 
@@ -54,6 +55,7 @@ class Known:
     filtered : by the effects of a model, what it is behind the filter of each noise.
     parts, products : of effects, by their `numbers`: columns without the geometry, and their products under each noise.
     moves : of effects, the elements and motions that they move.
+    answers : to questions about a model of some effects, by these, the effects asked about, and the question.
     """
 
     further: Latest = field(default_factory=Latest)
@@ -63,16 +65,31 @@ class Known:
     products: Latest = field(default_factory=Latest)
     numbers: dict[Effect, int] = field(default_factory=dict)
     moves: dict[Effect, frozenset[tuple[str, str]]] = field(default_factory=dict)
+    answers: dict[Question, Any] = field(default_factory=dict)
 
     def copy(self) -> Known:
         """One for a search that runs beside others: what one has kept must not change another one's rounding."""
         further, columns, filtered = self.further.copy(), self.columns.copy(), self.filtered.copy()
         parts, products = self.parts.copy(), self.products.copy()
-        return Known(further, columns, filtered, parts, products, self.numbers.copy(), self.moves.copy())
+        numbers, moves, answers = self.numbers.copy(), self.moves.copy(), self.answers.copy()
+        return Known(further, columns, filtered, parts, products, numbers, moves, answers)
 
     def of_columns(self) -> Known:
         """What does not depend on what was measured."""
-        return replace(self, further=Latest(), filtered=Latest())
+        return replace(self, further=Latest(), filtered=Latest(), answers={})
+
+    def without(self, lost: Callable[[Effect], bool]) -> Known:
+        """What does not depend on effects whose columns are lost: answers, which are small."""
+        gone = dict[Effect, bool]()
+
+        def kept(effects: tuple[Effect, ...]) -> bool:
+            for effect in effects:
+                if effect not in gone:
+                    gone[effect] = lost(effect)
+            return not any(gone[effect] for effect in effects)
+
+        answers = {key: own for key, own in self.answers.items() if kept(key[0]) and kept(key[1])}
+        return Known(moves=self.moves, answers=answers)
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ columns of M (with frames and tool) are projected out of every candidate (Frisch
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from identification.diagnosis.linear.orthonormal_basis import LEFT, orthonormal_
 from identification.diagnosis.linear.random_effects import EXACT, RandomEffects, principal
 from identification.diagnosis.linear.survey_rows import SurveyRows
 
+T = TypeVar("T")
 UNSEEN = 1e-9  # of a column's length squared: less than this of it the basis has not spanned by rounding only
 ONCE_IS_ENOUGH = 0.1  # of a column's length: where as much is left, rounding errors of a projection are not larger
 
@@ -80,6 +81,16 @@ class LinearModel:
     def exact(self) -> bool:
         """Whether nothing but rounding errors is left: what follows these would be found without end."""
         return self.square <= self.round_off
+
+    def answer(self, make: Callable[[], T], about: tuple[Effect, ...], *question: Hashable) -> T:
+        """What is asked of this model about some effects: made once, as a search returns to the same models."""
+        if self.lineage is None:
+            return make()
+        key, answers = (self.lineage.effects, about, question), self.lineage.known.answers
+        if key not in answers:
+            answers[key] = make()
+        known: T = answers[key]
+        return known
 
     def channel(self, name: str) -> Array:
         """A channel at each observation, (N,)."""
@@ -244,6 +255,12 @@ class LinearModel:
         """The same for an independent search."""
         lineage = self.lineage and replace(self.lineage, known=self.lineage.known.copy())
         return replace(self, lineage=lineage)
+
+    def learn(self, branch: LinearModel) -> None:
+        """Take over the answers that a branch has found."""
+        if self.lineage is not None and branch.lineage is not None:
+            answers = self.lineage.known.answers
+            answers.update((key, own) for key, own in branch.lineage.known.answers.items() if key not in answers)
 
     def of_residual(self, residual: Array) -> LinearModel:
         """The same for another residual."""

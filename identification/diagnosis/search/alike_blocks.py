@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import DTypeLike
 
-from errormodel.arrays import Array, Index, Mask
+from errormodel.arrays import Array, Columns, Index, Mask
 from errormodel.effects.base import Effect
-from identification.diagnosis.search.blocks import Block
+from identification.diagnosis.search.blocks import Block, Vectors, products
 
 
 @dataclass(frozen=True)
@@ -39,3 +40,15 @@ class AlikeBlocks:
         )
         places = {k: slice(*ends[n : n + 2]) for n, k in enumerate(some)}
         return cls(random, numbers, np.array([effects[n].empirical for n in numbers]), gram, slope, square, places)
+
+
+def products_of(
+    alike: Sequence[AlikeBlocks], blocks: Sequence[Block], vectors: Vectors, kind: DTypeLike
+) -> list[Columns]:
+    """Products (m, k, r) of the columns of each list of blocks with vectors (N, r), in some precision."""
+    place = {k: (n, rows) for n, own in enumerate(alike) for k, rows in own.places.items()}
+    out = [np.empty((*own.slope.shape, vectors.count), kind) for own in alike]
+    for k, product in enumerate(products(blocks, vectors)):
+        n, rows = place[k]
+        out[n][rows] = product
+    return out

@@ -47,6 +47,10 @@ class Vectors:
         self._vectors = vectors
         self._cast: dict[tuple[bool, DTypeLike], Columns] = {}
 
+    @property
+    def count(self) -> int:
+        return len(self._vectors.T)
+
     def on(self, lever: Lever | None) -> OnLever:
         """The same for blocks of one lever."""
         return OnLever(self, lever)

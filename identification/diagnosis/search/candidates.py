@@ -1,8 +1,6 @@
 """Candidate effects of a survey as design columns, and the log Bayes factor of each against the current model.
 
-The marginal likelihood of a linear-Gaussian model with priors of physical size, in closed form (C. M. Bishop, Pattern
-Recognition and Machine Learning, 2006, section 3.5). A shape parameter is averaged over its grid: that is its trials
-factor. All log Bayes factors are natural logarithms.
+A shape parameter is averaged over its grid: that is its trials factor. All log Bayes factors are natural logarithms.
 """
 
 from __future__ import annotations
@@ -12,19 +10,20 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from math import log
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from errormodel.arrays import Array, Mask
 from errormodel.effects.base import Effect
-from identification.diagnosis.decisions.constants import ABSORBED, FORM_ABSORBED, SIZES
+from identification.diagnosis.decisions.constants import SIZES
 from identification.diagnosis.linear.known_models import Latest, Lineage
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.linear.random_effects import scores_of
-from identification.diagnosis.search.alike_blocks import AlikeBlocks
+from identification.diagnosis.search.alike_blocks import AlikeBlocks, products_of
 from identification.diagnosis.search.blocks import (
+    COLUMNS,
     NOTHING,
+    SINGLE,
     Block,
     Kind,
     Made,
@@ -32,19 +31,17 @@ from identification.diagnosis.search.blocks import (
     blocks_of,
     columns_of,
     gram_of,
-    products,
 )
 from identification.diagnosis.search.known_products import KnownProducts, begun_with, keep_begun
+from identification.diagnosis.search.marginal_likelihood import Scored, free_scores, random_scores
 from identification.diagnosis.search.proposals import proposed
 from identification.runtime.parallel import parallel_map
 
-ROUNDED = 1e-10  # of the largest of squares: as much is rounding
 AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
 T = TypeVar("T")
-Scored = tuple[Array, Array, Array, Array]  # evidence, delta chi2, absorbed part and expected delta chi2 of proposals
 MANY, PARTS = 1000, 4  # proposals beyond which columns are made in parallel, in so many parts
 BEGUN_BYTES = 30_000_000  # of products of projected columns that other models begin with; by judgement
-KEPT = 16  # linear models whose scores are kept; by judgement: a search returns to about as many
+KEPT = 48  # linear models whose scores are kept; by judgement: a search that begins anew returns to about as many
 WIDEST = 3 * max(SIZES)  # times the usual one: standard deviation of the prior of the final fit
 
 
@@ -88,20 +85,26 @@ class Candidates:
 
     def _that_move(self) -> Candidates:
         """Without proposals that move nothing in these rows, or are not defined in some."""
-        moves = [block.square.max(axis=1) > NOTHING for block in self.blocks]
-        if all(m.all() for m in moves):
-            return self
         kept = np.zeros(len(self.effects), dtype=bool)
-        for block, some in zip(self.blocks, moves, strict=True):
-            kept[block.numbers[some]] = True
-        number = np.cumsum(kept) - 1
-        blocks = []
-        for block, some in zip(self.blocks, moves, strict=True):
+        for block in self.blocks:
+            kept[block.numbers] = block.square.max(axis=1) > NOTHING
+        return self.part(kept)
+
+    def part(self, kept: Mask) -> Candidates:
+        """Some of the proposals, and what is known of their scores."""
+        if kept.all():
+            return self
+        number, blocks = np.cumsum(kept) - 1, []
+        for block in self.blocks:
+            some = kept[block.numbers]
             own = block if some.all() else block.part(some)  # most stay as they are: a copy would be of gigabytes
             if some.any():
                 blocks.append(own._replace(numbers=number[own.numbers]))
         effects = [e for e, keep in zip(self.effects, kept, strict=True) if keep]
-        return Candidates(effects, blocks, [e.key for e in effects])
+        known = OrderedDict[Lineage, Scored]()
+        for lineage, (evidence, delta_chi2, absorbed, expected) in self._known.items():
+            known[lineage] = evidence[kept], delta_chi2[kept], absorbed[kept], expected[kept]
+        return Candidates(effects, blocks, [e.key for e in effects], (), known)
 
     @cached_property
     def of_key(self) -> dict[tuple[object, ...], list[int]]:
@@ -130,6 +133,14 @@ class Candidates:
         parts = tuple(part.branch() for part in self.parts)
         known = self._known.copy(), self._products.copy(), self._begun.copy()
         return Candidates(self.effects, self.blocks, self.keys, parts, *known)
+
+    def learn(self, branch: Candidates) -> None:
+        """Take over the scores that a branch has found."""
+        for lineage, values in branch._known.items():
+            if lineage not in self._known:
+                _keep(self._known, lineage, values)
+        for part, own in zip(self.parts, branch.parts, strict=True):
+            part.learn(own)
 
     def scores(self, linear: LinearModel) -> Scores:
         """Scores of each proposal, given the effects that the linear model holds."""
@@ -182,34 +193,39 @@ class Candidates:
         known, begun = begun_with(self._begun, linear.lineage) or ([alike.gram for alike in self._alike], 0)
         grams = [gram.copy() for gram in known]
         slopes = [np.empty_like(alike.slope) for alike in self._alike]
-        place = {k: (n, rows) for n, alike in enumerate(self._alike) for k, rows in alike.places.items()}
-        for k, product in enumerate(self._along(linear, begun)):
-            n, rows = place[k]
+        for n, rows, product in self._along(linear, begun):
+            taken = gram_of(product[..., :-1])
+            if not np.isfinite(taken).all():
+                raise FloatingPointError("products of design columns are not finite")
             slopes[n][rows] = product[..., -1]
-            grams[n][rows] -= gram_of(product[..., :-1])
+            grams[n][rows] -= taken
         keep_begun(self._begun, linear.lineage, grams, linear.basis.shape[1] - self.blocks[0].rank)
         return list(zip(grams, slopes, strict=True))
 
-    def _along(self, linear: LinearModel, begun: int) -> Iterator[Array]:
-        """Products (m, k, r + 1) of each block's columns with the basis from some column on, and with the residual.
+    def _along(self, linear: LinearModel, begun: int) -> Iterator[tuple[int, slice, Array]]:
+        """Products (m, k, r + 1) of columns with the basis from some column on, and with the residual.
 
-        Columns are counted from the end of the geometry.
+        They are of some proposals of a list of those alike, whose number comes first. Columns of the basis are counted
+        from the end of the geometry.
         """
         (size, _), rank = linear.plain or linear.basis.shape, self.blocks[0].rank
         if sum(block.sizes.size for block in self.blocks) < linear.basis.shape[1]:  # few: nothing is worth keeping
             both = np.column_stack([linear.basis[:size, rank + begun :], linear.residual[:size]])
-            yield from (own.astype(float) for own in products(self.blocks, Vectors(both)))
+            for n, own in enumerate(products_of(self._alike, self.blocks, Vectors(both), float)):
+                yield n, slice(None), own.astype(float, copy=False)
             return
-        before = self._products[0] if self._products else KnownProducts.of(self.blocks, size)
-        known, basis, residual = before.of_model(self.blocks, linear)
+        before = self._products[0] if self._products else KnownProducts.of(self._alike, size)
+        known, basis, residual = before.of_model(self._alike, self.blocks, linear)
         self._products[:] = [known]
-        along = np.column_stack([basis[:, begun:], residual])
-        for own in known.products:
-            with np.errstate(invalid="ignore"):  # OpenBLAS once raised it, which could not be brought about again
-                product = own.reshape(-1, own.shape[2]) @ along.astype(own.dtype)
-            if not np.isfinite(product).all():
-                raise FloatingPointError("products of design columns are not finite")
-            yield product.reshape(*own.shape[:2], -1).astype(float)
+        along = np.column_stack([basis[:, begun:], residual]).astype(SINGLE)
+        for n, own in enumerate(known.products):
+            most = max(COLUMNS // own.shape[1], 1)
+            for first in range(0, len(own), most):
+                rows = slice(first, first + most)
+                some = own[rows]
+                with np.errstate(invalid="ignore"):  # OpenBLAS once raised it, which could not be brought about again
+                    product = some.reshape(-1, own.shape[2]) @ along
+                yield n, rows, product.reshape(*some.shape[:2], -1).astype(float)
 
 
 def _keep(kept: OrderedDict[Lineage, T], lineage: Lineage, value: T) -> None:
@@ -314,88 +330,3 @@ def score_of(linear: LinearModel, effect: Effect) -> tuple[float, float, float] 
         scores = free_scores(linear, gram, slope, square, np.array([effect.empirical]))
     evidence, delta_chi2, absorbed = (float(v[0]) for v in scores[:3])
     return evidence - effect.cost, delta_chi2, absorbed
-
-
-class Left(Protocol):
-    """What a linear model leaves: the residual sum of squares, and its degrees of freedom."""
-
-    @property
-    def square(self) -> float: ...
-
-    @property
-    def freedom(self) -> int: ...
-
-
-def free_scores(noise: Left, gram: Array, slope: Array, square: Array, empirical: Mask) -> Scored:
-    """Scores of proposals with fixed effects and the same number of parameters.
-
-    The prior of a physical effect is a mixture over `SIZES` times its usual size, as machines are small and large. An
-    empirical term has no usual size: its scale maximises the evidence, and 1 is subtracted for that choice.
-
-    Parameters
-    ----------
-    gram, slope : products (m, k, k) of the projected columns with each other, and (m, k) with the residual.
-    square : (m, k) the columns' own lengths squared.
-    """
-    from scipy.special import logsumexp
-
-    norm = np.sqrt(square)
-    unit = gram / norm[:, :, None] / norm[:, None, :]
-    values, vectors = np.linalg.eigh(unit) if unit.shape[1] > 1 else (unit[:, 0], np.ones_like(unit))
-    seen = values > 1 - np.where(empirical, FORM_ABSORBED, ABSORBED)[:, None]
-    t = np.einsum("aij,ai->aj", vectors, slope / norm)
-    variance = noise.square / noise.freedom
-    # directions of the scaled columns have prior sizes of their own: those of the columns, taken along them
-    prior = np.einsum("aij,ai->aj", np.square(vectors), np.square(norm))
-    expected_delta_chi2 = np.sum(np.maximum(values, 0.0) / variance * prior, axis=1)
-    gain = np.where(seen, values / variance * prior, 0.0)
-    count = np.maximum(seen.sum(axis=1), 1)
-    safe = np.where(seen, values, 1.0)
-    delta_chi2 = np.where(seen, t**2 / safe, 0.0) / variance
-    fitting = np.maximum(delta_chi2.sum(axis=1) / count, 1.0) - 1.0
-    gain = np.where(empirical[:, None], np.where(seen, fitting[:, None], 0.0), gain)
-    by_size = np.array(
-        [_log_evidence(noise, delta_chi2, np.where(empirical[:, None], gain, gain * s**2)) for s in SIZES]
-    )
-    evidence = logsumexp(by_size, axis=0, b=np.array([*SIZES.values()])[:, None]) - empirical
-    absorbed = 1 - np.where(seen.any(axis=1), values.mean(axis=1), values.max(axis=1))
-    return (
-        np.where(seen.any(axis=1), evidence, -np.inf),
-        delta_chi2.sum(axis=1),
-        np.clip(absorbed, 0.0, 1.0),
-        expected_delta_chi2,
-    )
-
-
-def joint_evidence(noise: Left, gram: Array, slope: Array) -> float:
-    """Log Bayes factor of the parameters of several effects together, whose prior sizes are a mixture as of one.
-
-    What is left of each is alike where they are two lags of one sensor, so that no direction is taken to be hidden.
-
-    Parameters
-    ----------
-    gram, slope : products (k, k) of the projected columns, times their usual sizes, and (k,) with the residual.
-    """
-    from scipy.special import logsumexp
-
-    values, vectors = np.linalg.eigh(gram)
-    seen = values > ROUNDED * values[-1]
-    variance = noise.square / noise.freedom
-    delta_chi2 = np.square(vectors[:, seen].T @ slope)[None] / values[seen] / variance
-    gain = values[None, seen] / variance
-    by_size = [_log_evidence(noise, delta_chi2, gain * s**2)[0] for s in SIZES]
-    return float(logsumexp(by_size, b=[*SIZES.values()]))
-
-
-def random_scores(noise: Left, gram: Array, slope: Array, square: Array) -> Scored:
-    """Scores of proposals whose parameters are random effects; their usual size is not known."""
-    evidence, variance, absorbed = scores_of(gram, slope, square.sum(axis=1), noise.square, noise.freedom)
-    explained = noise.freedom * (1 - variance * noise.freedom / noise.square)
-    return evidence, explained, absorbed, np.full(len(gram), np.inf)
-
-
-def _log_evidence(noise: Left, delta_chi2: Array, gain: Array) -> Array:
-    """Evidence (m,) of independent directions (m, k) with prior variances of `gain` times those of their estimates."""
-    kept = (delta_chi2 * gain / (1 + gain)).sum(axis=1)
-    left = np.log1p(-np.minimum(kept / noise.freedom, 1 - 1e-12))
-    return np.asarray(-noise.freedom / 2 * left - 0.5 * np.log1p(gain).sum(axis=1))

@@ -18,14 +18,19 @@ from identification.diagnosis.decisions.constants import EVEN, NOISE
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.random_effects import RandomEffects
 from identification.diagnosis.search.blocks import NOTHING
-from identification.diagnosis.search.candidates import free_scores, joint_evidence, random_scores
 from identification.diagnosis.search.filtered_models import DependentError, FilteredModel, FromBasis, FromProducts
+from identification.diagnosis.search.marginal_likelihood import free_scores, joint_evidence, random_scores
 from identification.diagnosis.search.weighed_products import WeighedProducts
 from identification.estimation.noise import Noise, noises, series_edges
 
 
 def evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tuple[float, float]]:
     """Log Bayes factor of each group of effects, given the linear model: in white noise, and over all noises."""
+    every = tuple(e for group in groups for e in group)
+    return linear.answer(lambda: _evidence(linear, groups), every, "any noise", *map(len, groups))
+
+
+def _evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tuple[float, float]]:
     from scipy.special import logsumexp
 
     sizes = [np.concatenate([linear.columns(e)[1] for e in group]) for group in groups]  # usual ones

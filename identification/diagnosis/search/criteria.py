@@ -60,7 +60,7 @@ def log_likelihood_gains(linear: LinearModel, delta_chi2: Array) -> Array:
 
 def heldout_rms(linear: LinearModel) -> float:
     """Root mean square of the cross-validation residuals, in units of the noise."""
-    return float(np.sqrt(np.mean(cross_validation_residuals(linear) ** 2)))
+    return linear.answer(lambda: float(np.sqrt(np.mean(cross_validation_residuals(linear) ** 2))), (), "held out")
 
 
 def cross_validation_residuals(linear: LinearModel, blocks: int = 12) -> Array:

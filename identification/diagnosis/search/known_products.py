@@ -17,7 +17,8 @@ from errormodel.effects.base import Effect
 from identification.diagnosis.linear.known_models import Latest, Lineage
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.orthonormal_basis import APART, LEFT
-from identification.diagnosis.search.blocks import Block, Vectors, products
+from identification.diagnosis.search.alike_blocks import AlikeBlocks, products_of
+from identification.diagnosis.search.blocks import SINGLE, Block, Vectors
 
 BEYOND = 1e-9  # of vectors of unit length: less is left by rounding
 MOST_SHARE = 0.25  # of the observations: with more directions the products themselves are as quick
@@ -30,7 +31,7 @@ class KnownProducts:
     Attributes
     ----------
     directions : (N, q) orthonormal.
-    products : (m, k, q) of each block's columns with them.
+    products : (m, k, q) of the columns of blocks that are alike with them: one product for all of these is quicker.
     effects : of those that were fitted, what the geometry leaves of their columns (k, .) along the directions.
     """
 
@@ -39,11 +40,13 @@ class KnownProducts:
     effects: Mapping[Effect, Array] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, blocks: Sequence[Block], size: int) -> KnownProducts:
+    def of(cls, alike: Sequence[AlikeBlocks], size: int) -> KnownProducts:
         """None yet, for vectors with so many observations."""
-        return cls(np.empty((size, 0)), tuple(np.empty((*b.sizes.shape, 0), b.columns.dtype) for b in blocks))
+        return cls(np.empty((size, 0)), tuple(np.empty((*own.slope.shape, 0), SINGLE) for own in alike))
 
-    def of_model(self, blocks: Sequence[Block], linear: LinearModel) -> tuple[KnownProducts, Array, Array]:
+    def of_model(
+        self, alike: Sequence[AlikeBlocks], blocks: Sequence[Block], linear: LinearModel
+    ) -> tuple[KnownProducts, Array, Array]:
         """The directions of a linear model as well; along them its basis (q, r) beyond the geometry, and its residual.
 
         The basis is another one of the same span.
@@ -56,9 +59,9 @@ class KnownProducts:
         wanted = [residual[:, None]]
         left = {e: _without_geometry(linear, e, size, rank) for e in new}
         wanted += [own.T for own in left.values()] if linear.lineage is not None else [beyond]
-        known = self._with(blocks, np.hstack(wanted))
+        known = self._with(alike, blocks, np.hstack(wanted))
         if known.directions.shape[1] > max(MOST_SHARE * size, 2 * linear.basis.shape[1]) and self.effects:
-            return self.of(blocks, size).of_model(blocks, linear)
+            return self.of(alike, size).of_model(alike, blocks, linear)
         along = {e: own @ known.directions for e, own in left.items()}
         known = KnownProducts(known.directions, known.products, {**self.effects, **along})
         basis = known._basis(linear, rank) if linear.lineage is not None else None
@@ -66,7 +69,7 @@ class KnownProducts:
             basis = known.directions.T @ beyond
         return known, basis, known.directions.T @ residual
 
-    def _with(self, blocks: Sequence[Block], vectors: Array) -> KnownProducts:
+    def _with(self, alike: Sequence[AlikeBlocks], blocks: Sequence[Block], vectors: Array) -> KnownProducts:
         """With what some vectors (N, r) of any length have beyond the directions."""
         lengths = np.linalg.norm(vectors, axis=0)
         left = self._beyond(self._beyond(vectors[:, lengths > 0] / lengths[lengths > 0]))
@@ -74,9 +77,8 @@ class KnownProducts:
         if not (sizes > BEYOND).any():
             return self
         new = np.linalg.qr(self._beyond(along[:, sizes > BEYOND]))[0]  # what was little is to be orthogonal, too
-        made = products(blocks, Vectors(new))
-        both = ((own, more.astype(own.dtype)) for own, more in zip(self.products, made, strict=True))
-        joined = tuple(np.concatenate(pair, axis=2) for pair in both)
+        made = products_of(alike, blocks, Vectors(new), SINGLE)
+        joined = tuple(np.concatenate(pair, axis=2) for pair in zip(self.products, made, strict=True))
         return KnownProducts(np.hstack([self.directions, new]), joined, self.effects)
 
     def _beyond(self, vectors: Array) -> Array:

@@ -63,12 +63,16 @@ def compare_alternatives(
     most = model.log_posterior
     lowest = most - CLEARLY
     with progress("Comparing alternative models"):
+        branches = [(model.start.branch(), candidates.branch()) for _ in begin]
         found = parallel_map(
             [
-                partial(_searched_from, model.start, candidates, dict(looked or {}), lowest, *own)
-                for own in zip(begin, logs, strict=True)
+                partial(_searched_from, start, tried, dict(looked or {}), lowest, steps, own)
+                for (start, tried), steps, own in zip(branches, begin, logs, strict=True)
             ]
         )
+    for start, tried in branches:
+        model.start.learn(start)
+        candidates.learn(tried)
     for own in logs:
         log.join(own)
     chosen = log.search
@@ -106,7 +110,7 @@ def _searched_from(
     log: DecisionLog,
 ) -> tuple[Step, ...]:
     """The steps of a search that begins with some; scored beside each other where its log evidence is not too low."""
-    return forward_select(start.branch(), candidates.branch(), silent, begin, log, looked, lowest).steps
+    return forward_select(start, candidates, silent, begin, log, looked, lowest).steps
 
 
 def empirical_evidence(model: EffectModel) -> float:

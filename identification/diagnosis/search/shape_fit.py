@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.constants import ABSORBED, FORM_ABSORBED
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.search.blocks import NOTHING
 from identification.diagnosis.search.candidates import Candidates, Scores, score_of
 from identification.diagnosis.search.criteria import log_likelihood_gain, log_likelihood_gains
 from identification.diagnosis.search.refinement import discrepancy
@@ -44,7 +46,7 @@ def optimise_shapes(
         return []
     numbers = _shortlist(candidates, ranked, first)
     _record(log, linear, scores, ranked, numbers, least)
-    steps = [_optimised(candidates, scores, linear, n, len(ranked)) for n in numbers]
+    steps = [_counted(candidates, scores, linear, n, len(ranked)) for n in numbers]
     able = [step for step in steps if step is not None]
     for step in able:
         gain = log_likelihood_gain(linear, step.delta_chi2)
@@ -97,18 +99,32 @@ def _shortlist(candidates: Candidates, ranked: Sequence[tuple[float, int]], firs
     return out
 
 
-def _optimised(candidates: Candidates, scores: Scores, linear: LinearModel, number: int, trials: int) -> Step | None:
-    """The proposal with its shape parameters moved off the grid to where they fit best."""
+def _counted(candidates: Candidates, scores: Scores, linear: LinearModel, number: int, trials: int) -> Step | None:
+    """The proposal at its best, with the numbers of those that it was compared with."""
+    effect = candidates.effects[number]
+    family = tuple(candidates.effects[n] for n in candidates.of_key[effect.key])
+    evidence = float(scores.evidence[number])
+    step = linear.answer(lambda: _optimised(linear, effect, family, evidence), (effect,), "optimised", family)
+    if step is None:
+        return None
+    return replace(step, trials=trials, names=len(candidates.places), places=candidates.places[effect.effect])
+
+
+def _optimised(linear: LinearModel, proposal: Effect, family: Sequence[Effect], evidence: float) -> Step | None:
+    """A proposal with its shape parameters moved off the grid of its family to where they fit best.
+
+    Parameters
+    ----------
+    evidence : of the proposal, as it was scored among all.
+    """
     from scipy.optimize import minimize_scalar
 
-    effect = candidates.effects[number]
-    if effect.random:
-        size = linear.random(linear.columns(effect)[0]).likeliest_size()
-        effect = effect.model_copy(update={"size": float(f"{size:.3g}")})
-    family = [candidates.effects[n] for n in candidates.of_key[effect.key]]
+    if proposal.random:  # a curve repeats with the wave that it refines: its size is all that is found
+        return _of_likeliest_size(linear, proposal, len(family))
+    effect = proposal
     for name, kind in type(effect).shapes().items():
         value = getattr(effect, name) if kind.searched else None
-        if not isinstance(value, float) or value == 0 or effect.random:  # a curve repeats with the wave that it refines
+        if not isinstance(value, float) or value == 0:
             continue
         grid = sorted({float(getattr(e, name)) for e in family})
         edge = 0.3 * abs(value)
@@ -126,13 +142,10 @@ def _optimised(candidates: Candidates, scores: Scores, linear: LinearModel, numb
             best = float(minimize_scalar(left, bounds=(below, above), method="bounded", options={"maxiter": 20}).x)
         if left(best) < left(value):
             effect = effect.model_copy(update={name: best})
-    counts = trials, len(candidates.places), candidates.places[effect.effect]
-    step = scored(linear, effect, len(family), *counts)
-    if effect.random:  # of the likeliest size
-        return step
-    if step is None or scores.evidence[number] > step.evidence - step.evidence_of_form + np.log(len(family)) + ROUNDED:
+    step = scored(linear, effect, len(family))
+    if step is None or evidence > step.evidence - step.evidence_of_form + np.log(len(family)) + ROUNDED:
         # where the squares are least a size may be beyond what is usual
-        step = scored(linear, candidates.effects[number], len(family), *counts)
+        step = scored(linear, proposal, len(family))
     return step
 
 
@@ -154,7 +167,21 @@ def moment_between(x: Array, below: float, above: float, value: float, left: Cal
     return value
 
 
-def scored(linear: LinearModel, effect: Effect, shapes: int, trials: int, names: int, places: int) -> Step | None:
+def _of_likeliest_size(linear: LinearModel, proposal: Effect, shapes: int) -> Step | None:
+    """Random effects of their likeliest size, scored as by `scored`: any size has the same columns and evidence."""
+    random = linear.random(linear.columns(proposal)[0])
+    if not np.isfinite(random.whole) or random.whole <= NOTHING:
+        return None
+    ratio, evidence, noise = random.best()
+    effect = proposal.model_copy(update={"size": float(f"{np.sqrt(ratio * noise):.3g}")})
+    gained = random.freedom * (1 - noise * random.freedom / random.square)
+    count = len(linear.columns(proposal)[1])
+    return Step(effect, evidence - effect.cost - float(np.log(shapes)), gained, random.absorbed, count)
+
+
+def scored(
+    linear: LinearModel, effect: Effect, shapes: int, trials: int = 0, names: int = 1, places: int = 1
+) -> Step | None:
     """An effect scored as a step, given the linear model; None where it moves nothing.
 
     Parameters
