@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from identification.command_line.start import came
+from identification.command_line.signalled import came
 
 NOTHING_KEPT = "nothing was put in place"
 

@@ -13,6 +13,8 @@ import signal
 import sys
 import time
 
+from identification.command_line.signalled import interrupted_by
+
 TYPE_CHECKING = False  # what type checkers take for true; `typing` takes longer than all of this
 
 if TYPE_CHECKING:
@@ -22,7 +24,6 @@ if TYPE_CHECKING:
 PATIENCE_S = 5.0  # s after a signal; a library may have lost the interruption, or a thread goes on; by judgement
 ENDING = ("SIGINT", "SIGTERM", "SIGHUP")  # signals, of which Windows lacks the last
 WORD = "stopped: what was not finished was not put in place"
-_came: list[KeyboardInterrupt] = []  # the interruption of this process, which a library may lose on its way
 
 
 def entry() -> None:
@@ -76,13 +77,7 @@ def _open_closed_streams() -> None:
 def _interrupted(signum: int, frame: FrameType | None) -> None:
     _handle_all(signal.SIG_IGN)  # who presses Ctrl-C twice would break off what puts things in order
     _thread.start_new_thread(_end_later, (128 + signum,))
-    _came.append(KeyboardInterrupt(signum))
-    raise _came[0]
-
-
-def came() -> KeyboardInterrupt | None:
-    """The interruption of this process, once a signal came."""
-    return _came[0] if _came else None
+    raise interrupted_by(signum)
 
 
 def _end_later(code: int) -> None:

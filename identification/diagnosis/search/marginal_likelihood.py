@@ -1,0 +1,103 @@
+"""Log Bayes factors of effects, with priors of physical size, from products of the columns that a linear model leaves.
+
+The marginal likelihood of a linear-Gaussian model in closed form (C. M. Bishop, Pattern Recognition and Machine
+Learning, 2006, section 3.5).
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from errormodel.arrays import Array, Mask
+from identification.diagnosis.decisions.constants import ABSORBED, FORM_ABSORBED, SIZES
+from identification.diagnosis.linear.random_effects import scores_of
+
+Scored = tuple[Array, Array, Array, Array]  # evidence, delta chi2, absorbed part and expected delta chi2 of proposals
+ROUNDED = 1e-10  # of the largest of squares: as much is rounding
+
+
+class Left(Protocol):
+    """What a linear model leaves: the residual sum of squares, and its degrees of freedom."""
+
+    @property
+    def square(self) -> float: ...
+
+    @property
+    def freedom(self) -> int: ...
+
+
+def free_scores(noise: Left, gram: Array, slope: Array, square: Array, empirical: Mask) -> Scored:
+    """Scores of proposals with fixed effects and the same number of parameters.
+
+    The prior of a physical effect is a mixture over `SIZES` times its usual size, as machines are small and large. An
+    empirical term has no usual size: its scale maximises the evidence, and 1 is subtracted for that choice.
+
+    Parameters
+    ----------
+    gram, slope : products (m, k, k) of the projected columns with each other, and (m, k) with the residual.
+    square : (m, k) the columns' own lengths squared.
+    """
+    from scipy.special import logsumexp
+
+    norm = np.sqrt(square)
+    unit = gram / norm[:, :, None] / norm[:, None, :]
+    values, vectors = np.linalg.eigh(unit) if unit.shape[1] > 1 else (unit[:, 0], np.ones_like(unit))
+    seen = values > 1 - np.where(empirical, FORM_ABSORBED, ABSORBED)[:, None]
+    t = np.einsum("aij,ai->aj", vectors, slope / norm)
+    variance = noise.square / noise.freedom
+    # directions of the scaled columns have prior sizes of their own: those of the columns, taken along them
+    prior = np.einsum("aij,ai->aj", np.square(vectors), np.square(norm))
+    expected_delta_chi2 = np.sum(np.maximum(values, 0.0) / variance * prior, axis=1)
+    gain = np.where(seen, values / variance * prior, 0.0)
+    count = np.maximum(seen.sum(axis=1), 1)
+    safe = np.where(seen, values, 1.0)
+    delta_chi2 = np.where(seen, t**2 / safe, 0.0) / variance
+    fitting = np.maximum(delta_chi2.sum(axis=1) / count, 1.0) - 1.0
+    gain = np.where(empirical[:, None], np.where(seen, fitting[:, None], 0.0), gain)
+    by_size = np.array(
+        [_log_evidence(noise, delta_chi2, np.where(empirical[:, None], gain, gain * s**2)) for s in SIZES]
+    )
+    evidence = logsumexp(by_size, axis=0, b=np.array([*SIZES.values()])[:, None]) - empirical
+    absorbed = 1 - np.where(seen.any(axis=1), values.mean(axis=1), values.max(axis=1))
+    return (
+        np.where(seen.any(axis=1), evidence, -np.inf),
+        delta_chi2.sum(axis=1),
+        np.clip(absorbed, 0.0, 1.0),
+        expected_delta_chi2,
+    )
+
+
+def joint_evidence(noise: Left, gram: Array, slope: Array) -> float:
+    """Log Bayes factor of the parameters of several effects together, whose prior sizes are a mixture as of one.
+
+    What is left of each is alike where they are two lags of one sensor, so that no direction is taken to be hidden.
+
+    Parameters
+    ----------
+    gram, slope : products (k, k) of the projected columns, times their usual sizes, and (k,) with the residual.
+    """
+    from scipy.special import logsumexp
+
+    values, vectors = np.linalg.eigh(gram)
+    seen = values > ROUNDED * values[-1]
+    variance = noise.square / noise.freedom
+    delta_chi2 = np.square(vectors[:, seen].T @ slope)[None] / values[seen] / variance
+    gain = values[None, seen] / variance
+    by_size = [_log_evidence(noise, delta_chi2, gain * s**2)[0] for s in SIZES]
+    return float(logsumexp(by_size, b=[*SIZES.values()]))
+
+
+def random_scores(noise: Left, gram: Array, slope: Array, square: Array) -> Scored:
+    """Scores of proposals whose parameters are random effects; their usual size is not known."""
+    evidence, variance, absorbed = scores_of(gram, slope, square.sum(axis=1), noise.square, noise.freedom)
+    explained = noise.freedom * (1 - variance * noise.freedom / noise.square)
+    return evidence, explained, absorbed, np.full(len(gram), np.inf)
+
+
+def _log_evidence(noise: Left, delta_chi2: Array, gain: Array) -> Array:
+    """Evidence (m,) of independent directions (m, k) with prior variances of `gain` times those of their estimates."""
+    kept = (delta_chi2 * gain / (1 + gain)).sum(axis=1)
+    left = np.log1p(-np.minimum(kept / noise.freedom, 1 - 1e-12))
+    return np.asarray(-noise.freedom / 2 * left - 0.5 * np.log1p(gain).sum(axis=1))
