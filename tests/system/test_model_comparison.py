@@ -77,7 +77,9 @@ def test_a_refinement_that_is_what_the_finding_should_be_called() -> None:
     candidates = Candidates.of(linear)
     ranked = candidates.scores(linear).by_key()
     air = next(e for _, n in ranked if (e := candidates.effects[n]).effect == "refraction")
-    taken = [Step(air, 50.0, 100.0, 0.5), Step(make(spec), 50.0, 100.0, 0.5, parent=0)]
+    places, drift = candidates.places, make(spec)  # each effect with its prior probability, as a search has them
+    first = Step(air, 50.0, 100.0, 0.5, names=len(places), places=places[air.effect])
+    taken = [first, replace(first, effect=drift, places=places[drift.effect], parent=0)]
     looked = reselect(replayed(linear, taken), candidates)
     assert [s.effect.effect for s in looked.steps] == ["structure-drift"]
     assert reselect(looked, candidates).steps[0].effect.key == looked.steps[0].effect.key
