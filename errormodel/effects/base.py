@@ -222,9 +222,8 @@ class Effect(BaseModel, ABC):
         high = (getattr(m, side) for m in limits for side in ("le", "lt") if hasattr(m, side))
         return max(map(float, low), default=-math.inf), min(map(float, high), default=math.inf)
 
-    @property
-    def cost(self) -> float:
-        """Natural logarithm of the prior odds against it: unusual physics needs stronger evidence."""
+    def cost(self, scene: Scene) -> float:
+        """Natural logarithm of the prior odds against it in a survey: unusual physics needs stronger evidence."""
         return 0.0
 
     def positive(self, machine: Machine) -> str:

@@ -56,8 +56,7 @@ class ClockOffset(Effect):
             return ("feed",)
         return tuple(map(rate_name, self.joints)) or ("time",)
 
-    @property
-    def cost(self) -> float:
+    def cost(self, scene: Scene) -> float:
         """Natural logarithm of the prior odds against it: a delay of one joint is more likely a following error."""
         return 4.0 if len(self.joints) == 1 else 0.0
 

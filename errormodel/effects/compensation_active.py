@@ -37,8 +37,7 @@ class CompensationActive(JointEffect):
     points: Annotated[int, Field(ge=3)]
     run: str | None = None
 
-    @property
-    def cost(self) -> float:
+    def cost(self, scene: Scene) -> float:
         return 5.0  # log prior odds against it: many linear pieces approximate any smooth curve
 
     @property

@@ -41,8 +41,7 @@ class GantryRacking(JointEffect):
     def drivers(self) -> tuple[str, ...]:
         return (self.channel,)
 
-    @property
-    def cost(self) -> float:
+    def cost(self, scene: Scene) -> float:
         """Natural logarithm of the prior odds against it: without a record of the drives it is a mere compliance."""
         return 0.0 if self.channel.startswith("w_") else 5.0
 

@@ -39,8 +39,7 @@ class Hysteresis(JointEffect):
         """Friction has many plays of several widths, of which this is the one that fits best."""
         return replace(super().traits(), form_uncertainty=0.3)  # of later poses of five recordings
 
-    @property
-    def cost(self) -> float:
+    def cost(self, scene: Scene) -> float:
         return 2.0  # log prior odds against it: backlash is the usual form
 
     @property

@@ -27,8 +27,7 @@ class LostMotion(JointEffect):
     separate: ClassVar[str] = "approach positions at both ends of the travel from both sides"
     example: ClassVar[Mapping[str, object]] = {"joint": "X"}
 
-    @property
-    def cost(self) -> float:
+    def cost(self, scene: Scene) -> float:
         return 2.0  # log prior odds against it: backlash is the usual form
 
     @property

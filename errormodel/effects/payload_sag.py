@@ -57,8 +57,7 @@ class PayloadSag(Effect):
     def drivers(self) -> tuple[str, ...]:
         return ("load", self.joint) if self.joint else ("load",)
 
-    @property
-    def cost(self) -> float:
+    def cost(self, scene: Scene) -> float:
         """Natural logarithm of the prior odds against it: guides give way more than castings."""
         return 0.0 if self.joint else 1.0
 

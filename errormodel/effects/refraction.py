@@ -45,8 +45,7 @@ class Refraction(Effect):
     def where(self) -> str:
         return FRAME
 
-    @property
-    def cost(self) -> float:
+    def cost(self, scene: Scene) -> float:
         """Natural logarithm of the prior odds against it: sensors of the machine seldom follow the air's gradient."""
         return 4.0 if self.sensor else 0.0
 

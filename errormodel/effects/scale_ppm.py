@@ -41,8 +41,7 @@ class ScalePpm(Effect):
     def drivers(self) -> tuple[str, ...]:
         return (*POINT_CHANNELS, *filter(None, (self.sensor, self.run and f"run({self.run})")))
 
-    @property
-    def cost(self) -> float:
+    def cost(self, scene: Scene) -> float:
         """Natural logarithm of the prior odds against it: instruments correct for the weather, unlike machines."""
         return 0.0 if self.sensor or self.run else 4.0
 

@@ -44,8 +44,7 @@ class SpindleGrowth(Effect):
     def drivers(self) -> tuple[str, ...]:
         return thermal(self.sensor, self.minus)
 
-    @property
-    def cost(self) -> float:
+    def cost(self, scene: Scene) -> float:
         """Natural logarithm of the prior odds against it, unless the sensor's name says that it is the spindle's."""
         return 0.0 if "spindle" in self.sensor.lower() else 4.0
 

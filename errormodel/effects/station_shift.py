@@ -55,8 +55,7 @@ class StationShift(Effect):
     def drivers(self) -> tuple[str, ...]:
         return (f"run({self.run})",) if self.run is not None else ("time",) if self.row is None else ("row",)
 
-    @property
-    def cost(self) -> float:
+    def cost(self, scene: Scene) -> float:
         """Natural logarithm of the prior odds against it: in the order of its rows a recording drifts too."""
         return STANDS_OUT if self.row is not None else 0.0
 

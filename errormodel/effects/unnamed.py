@@ -89,8 +89,7 @@ class Unnamed(Effect):
     def random(self) -> bool:
         return self.pieces is not None
 
-    @property
-    def cost(self) -> float:
+    def cost(self, scene: Scene) -> float:
         """Natural logarithm of the prior odds against it: with a constant lever a translation is the simpler model."""
         return 0.5 * (self.motion in ROTATIONS)
 

@@ -31,6 +31,8 @@ from errormodel.effects.travel import polynomials, scaled, usual_size
 from errormodel.machine import Machine
 from errormodel.machine_rests import LEAST_REST, longest_step, rests, resumed_name
 
+UNSHOWN = 2.3  # log prior odds, 10 to 1, against a warm-up that no recorded temperature shows; by judgement
+
 
 class WarmUp(Effect):
     """``(scale * position + growth) * (1 - exp(-(t - start)/tau))`` along a joint's axis; without a joint, of the tool.
@@ -80,6 +82,10 @@ class WarmUp(Effect):
     @property
     def drivers(self) -> tuple[str, ...]:
         return ("time",)
+
+    def cost(self, scene: Scene) -> float:
+        """Where temperatures were recorded one of them usually shows what warms."""
+        return UNSHOWN if scene.sensors else 0.0
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = self._warm(channel)

@@ -25,6 +25,6 @@ def evidence_of(fit: Fit) -> tuple[EffectEvidence, ...]:
         linear, _ = without_effect(fit, number)
         scores = Candidates.of(linear, [effect]).scores(linear)
         if len(scores.evidence) and np.isfinite(scores.evidence[0]):
-            log_factor = float(scores.evidence[0] + effect.cost)
+            log_factor = float(scores.evidence[0] + effect.cost(linear.scene))
             out.append(EffectEvidence(effect.effect, effect.where, float(log_factor / np.log(10))))
     return tuple(out)

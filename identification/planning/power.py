@@ -207,7 +207,8 @@ def _seen(
         norm = np.sqrt(block.square)
         seen = np.linalg.eigvalsh(gram / norm[:, :, None] / norm[:, None, :]).max(axis=1) > 1 - ABSORBED
         gain = np.maximum(np.linalg.eigvalsh(gram), 0.0)
-        cost = np.array([candidates.effects[i].cost + np.log(shapes[candidates.keys[i]]) for i in numbers])
+        odds = [candidates.effects[i].cost(linear.scene) for i in numbers]
+        cost = np.array(odds) + np.log([shapes[candidates.keys[i]] for i in numbers])
         log_factor = DETECT + np.log(trials) + 0.5 * np.log1p(gain).sum(axis=1) + cost
         excess = free * np.expm1(np.minimum(2 * log_factor / max(free, 1), 500.0))
         needed = (np.sqrt(excess) + POWER_QUANTILE) ** 2  # noncentrality, in noise variances

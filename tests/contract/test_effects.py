@@ -59,7 +59,7 @@ def test_example_is_valid_and_its_parameters_are_physical(word: str) -> None:
     names = {e.name for e in machine.elements}
     assert effect.where in {*names, *PLACES}
     assert all(isinstance(d, str) and d for d in effect.drivers)
-    assert effect.cost >= 0
+    assert effect.cost(scene(machine.name)) >= 0
     hash(effect.key)
     terms = numeric(effect, machine, arrays(machine.name))
     assert len({(t.element, next(iter(t.motion)), t.label) for t, _ in terms}) == len(terms)
@@ -149,7 +149,7 @@ def test_proposals_are_valid_and_not_too_many(word: str, name: str) -> None:
         assert isinstance(proposal, kind)
         assert kind.model_validate(proposal.model_dump()) == proposal
         assert proposal.where in {*names, *PLACES}
-        assert proposal.cost >= 0
+        assert proposal.cost(here) >= 0
         hash(proposal.key)
         for term, motion in numeric(proposal, here.machine, channels):
             assert np.isfinite(motion).all(), proposal

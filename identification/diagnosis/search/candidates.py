@@ -16,6 +16,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Mask
 from errormodel.effects.base import Effect
+from errormodel.effects.search_space.survey_summary import Scene
 from identification.diagnosis.decisions.constants import SIZES
 from identification.diagnosis.linear.known_models import Latest, Lineage
 from identification.diagnosis.linear.linear_model import LinearModel
@@ -62,6 +63,7 @@ class Candidates:
     _known: OrderedDict[Lineage, Scored] = field(default_factory=OrderedDict, repr=False)
     _products: list[KnownProducts] = field(default_factory=list, repr=False)  # the one that was last used
     _begun: Latest = field(default_factory=partial(Latest, BEGUN_BYTES), repr=False)
+    _costs: list[Array] = field(default_factory=list, repr=False)  # none yet, or one
 
     @classmethod
     def of(cls, linear: LinearModel, effects: Sequence[Effect] | None = None) -> Candidates:
@@ -131,7 +133,7 @@ class Candidates:
     def branch(self) -> Candidates:
         """A copy for an independent search, so that the order of searches does not change how scores are rounded."""
         parts = tuple(part.branch() for part in self.parts)
-        known = self._known.copy(), self._products.copy(), self._begun.copy()
+        known = self._known.copy(), self._products.copy(), self._begun.copy(), self._costs
         return Candidates(self.effects, self.blocks, self.keys, parts, *known)
 
     def learn(self, branch: Candidates) -> None:
@@ -166,11 +168,13 @@ class Candidates:
                 scores = free_scores(linear, gram, slope, alike.square, alike.empirical)
             own = alike.numbers
             evidence[own], delta_chi2[own], absorbed[own], expected_delta_chi2[own] = scores
-        return Scores(self, evidence - self._cost, delta_chi2, absorbed, expected_delta_chi2)
+        return Scores(self, evidence - self._cost(linear.scene), delta_chi2, absorbed, expected_delta_chi2)
 
-    @cached_property
-    def _cost(self) -> Array:
-        return np.array([e.cost for e in self.effects])
+    def _cost(self, scene: Scene) -> Array:
+        """Of each proposal, in the survey that all of them are of."""
+        if not self._costs:
+            self._costs.append(np.array([e.cost(scene) for e in self.effects]))
+        return self._costs[0]
 
     @cached_property
     def _alike(self) -> list[AlikeBlocks]:
@@ -329,4 +333,4 @@ def score_of(linear: LinearModel, effect: Effect) -> tuple[float, float, float] 
     else:
         scores = free_scores(linear, gram, slope, square, np.array([effect.empirical]))
     evidence, delta_chi2, absorbed = (float(v[0]) for v in scores[:3])
-    return evidence - effect.cost, delta_chi2, absorbed
+    return evidence - effect.cost(linear.scene), delta_chi2, absorbed

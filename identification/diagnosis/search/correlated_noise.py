@@ -57,7 +57,7 @@ def _evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[t
             else:
                 empirical = np.array([mains[k].empirical for k in some])
                 gains[some] = free_scores(filtered, gram, slope, square, empirical)[0]
-        gains -= np.array([sum({e.key: e.cost for e in group}.values()) for group in groups])
+        gains -= np.array([sum({e.key: e.cost(linear.scene) for e in group}.values()) for group in groups])
         rows.append([filtered.likelihood, *(filtered.likelihood + gains)])
     without, *with_each = logsumexp(rows, axis=0, b=_beforehand(len(rows))).tolist()
     white = np.array(rows[0][1:]) - rows[0][0]

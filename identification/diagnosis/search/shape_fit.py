@@ -176,7 +176,7 @@ def _of_likeliest_size(linear: LinearModel, proposal: Effect, shapes: int) -> St
     effect = proposal.model_copy(update={"size": float(f"{np.sqrt(ratio * noise):.3g}")})
     gained = random.freedom * (1 - noise * random.freedom / random.square)
     count = len(linear.columns(proposal)[1])
-    return Step(effect, evidence - effect.cost - float(np.log(shapes)), gained, random.absorbed, count)
+    return Step(effect, evidence - effect.cost(linear.scene) - float(np.log(shapes)), gained, random.absorbed, count)
 
 
 def scored(
