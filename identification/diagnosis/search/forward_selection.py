@@ -138,38 +138,50 @@ def _accepted_beside(linear: LinearModel, group: Sequence[Step], candidates: Can
 
 def add_best(model: EffectModel, likely: Likely, log: DecisionLog = UNRECORDED) -> EffectModel | None:
     """The model with the best proposal added, as a finding or as a refinement; None where none is accepted."""
-    linear = model.linear
     if likely is None:
         return None
     steps, best = likely
-    explained = sum(s.delta_chi2 for s in model.steps if not s.effect.random)  # a free curve has no discrepancy
     own, rule = refinement_of(model, best)
-    if own is None:  # before a new finding, try it as a refinement of an existing one
-        others = _could_refine(model, steps, best)
-        first, best = best, max(others, key=lambda s: s.evidence, default=best)
-        own, rule = refinement_of(model, best) if others else (left_over(model, best), "left-over")
-        if others:
-            least = (1 - MUCH) * first.evidence
-            log.add("refinement-first", "preferred", best.effect, best.evidence, least, beside=first.effect)
+    if own is None and (others := _could_refine(model, steps, best)):  # tried before a new finding
+        first = max(others, key=lambda s: s.evidence)
+        least = (1 - MUCH) * best.evidence
+        log.add("refinement-first", "preferred", first.effect, first.evidence, least, beside=best.effect)
+        if (more := _with_refinement(model, steps, first, refinement_of(model, first), log)) is not None:
+            return more
+    if own is None:
+        own, rule = left_over(model, best), "left-over"
     if own is not None:
-        best = replace(best, parent=own)
-        log.add(rule, "merged", best.effect, beside=model.steps[own].effect)
-    elif not _is_finding(model, best, explained, log):
-        # below the acceptance level: try the following proposals as refinements
-        further = [s for s in steps if s.evidence > LEAST_EVIDENCE and refined(model, s) is not None]
-        if not further:
-            return None
-        best = replace(further[0], parent=refined(model, further[0]))
-        into = model.steps[best.parent or 0].effect
-        log.add("refinement-below-detection", "merged", best.effect, best.evidence, LEAST_EVIDENCE, beside=into)
-    tries = [best]
-    if best.parent is not None:  # other refinements of the same finding compete by cross-validation
-        enough = max(LEAST_EVIDENCE, MUCH * best.evidence)
-        near = [s for s in steps if s is not best and s.evidence > enough]
-        others = [replace(s, parent=best.parent) for s in near if refined(model, s) == best.parent][:MOST_COMPETING]
-        for s in others:
-            log.add("competing-refinement", "examined", s.effect, s.evidence, enough, beside=best.effect)
-        tries += others
+        return _with_refinement(model, steps, best, (own, rule), log)
+    explained = sum(s.delta_chi2 for s in model.steps if not s.effect.random)  # a free curve has no discrepancy
+    if _is_finding(model, best, explained, log):
+        return _added(model, [best], log)
+    # below the acceptance level: try the following proposals as refinements
+    below = next((s for s in steps if s.evidence > LEAST_EVIDENCE and refined(model, s) is not None), None)
+    if below is None:
+        return None
+    return _with_refinement(model, steps, below, (refined(model, below), "refinement-below-detection"), log)
+
+
+def _with_refinement(
+    model: EffectModel, steps: Sequence[Step], best: Step, of: tuple[int | None, str], log: DecisionLog
+) -> EffectModel | None:
+    """The model with a finding refined by the best proposal, or by another that predicts better."""
+    own, rule = of
+    assert own is not None
+    least = LEAST_EVIDENCE if rule == "refinement-below-detection" else None
+    value = None if least is None else best.evidence
+    log.add(rule, "merged", best.effect, value, least, beside=model.steps[own].effect)
+    tries = [replace(best, parent=own)]
+    enough = max(LEAST_EVIDENCE, MUCH * best.evidence)
+    for s in [s for s in steps if s is not best and s.evidence > enough and refined(model, s) == own][:MOST_COMPETING]:
+        log.add("competing-refinement", "examined", s.effect, s.evidence, enough, beside=best.effect)
+        tries.append(replace(s, parent=own))
+    return _added(model, tries, log)
+
+
+def _added(model: EffectModel, tries: Sequence[Step], log: DecisionLog) -> EffectModel | None:
+    """The model with the one of some steps that predicts rows left out best; None where none predicts them better."""
+    linear = model.linear
     error, _, best_growth = min(
         (heldout_rms(g.linear), k, g) for k, g in enumerate(refit_time_constants(with_step(model, s)) for s in tries)
     )
@@ -211,8 +223,8 @@ def _likely(linear: LinearModel, candidates: Candidates, log: DecisionLog) -> Li
 
 
 def _accepted(linear: LinearModel, likely: Likely, log: DecisionLog) -> Likely:
-    """The proposals that pass the acceptance test on their own, and the preferred one among them."""
-    able = [s for s in likely[0] if accepted(linear, s, log=log)] if likely else []
+    """The other proposals that pass the acceptance test on their own, and the preferred one among them."""
+    able = [s for s in likely[0] if s is not likely[1] and accepted(linear, s, log=log)] if likely else []
     return (able, choose(linear, able, log)) if able else None
 
 
