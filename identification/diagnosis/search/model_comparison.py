@@ -79,8 +79,9 @@ def compare_alternatives(
     for own, steps in zip(logs, found, strict=True):
         other = replayed(model.start, steps)
         value = other.log_posterior
-        # near-ties go to the model that rests half as much on empirical terms
-        least = most + (CLEARLY if 2 * empirical_evidence(other) + CLEARLY > empirical_evidence(best) else -CLEARLY)
+        # near-ties go to the model that rests half as much on empirical terms, or else to the likelier of named ones
+        forms, before = empirical_evidence(other), empirical_evidence(best)
+        least = most + (CLEARLY if forms > 0 else 0.0) if 2 * forms + CLEARLY > before else most - CLEARLY
         least = max(least, lowest)
         better, what = value > least, f"search {own.search}: {_effects(other)}"
         word: Outcome = "accepted" if better else "refused"
