@@ -194,10 +194,9 @@ def test_a_table_with_a_mistake_comes_back_as_it_was(tmp_path: Path, blunder: st
 
 def test_points_from_a_side_that_was_not_measured_are_said(tmp_path: Path) -> None:
     """X always comes from smaller positions: where it returns to the start of a line, it may have overrun it."""
-    x, y = np.meshgrid(np.linspace(50, 450, 9), np.linspace(50, 350, 7))
-    z = np.random.default_rng(2).uniform(-300, -50, x.size)
-    rows = pd.DataFrame({"X": x.ravel(), "Y": y.ravel(), "Z": z})
-    points = rows.iloc[:30].assign(X=np.linspace(440, 60, 30), Y=200.0)
+    z, y, x = np.meshgrid(np.linspace(150, 600, 3), np.linspace(-200, 200, 4), np.linspace(-300, 300, 9), indexing="ij")
+    rows = pd.DataFrame({"X": x.ravel(), "Y": y.ravel(), "Z": z.ravel()})
+    points = rows.iloc[:30].assign(X=np.linspace(290, -290, 30), Y=100.0)
     said = {}
     for name, table in {"one": rows, "both": pd.concat([rows, rows.iloc[::-1]])}.items():
         table.to_csv(tmp_path / f"{name}.csv", index=False)
