@@ -33,7 +33,10 @@ class StationShift(Effect):
     family: ClassVar[str] = "instrument"
     source: ClassVar[str] = "a knock against tripod or fixture: 5 to 100 um, 5 to 50 urad"
     alike: ClassVar[tuple[str, ...]] = ("tracker-drift", "structure-drift")
-    separate: ClassVar[str] = "fixed targets on the floor, measured before and after"
+    separate: ClassVar[str] = (
+        "fixed targets on the floor, measured before and after: they stay in place where it was a target on the "
+        "machine that was put on anew, which looks alike unless a rotary joint turns it"
+    )
     example: ClassVar[Mapping[str, object]] = {"at": 1800.0}
 
     at: Annotated[float | None, MOMENT] = None  # s
