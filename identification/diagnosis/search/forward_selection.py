@@ -80,7 +80,7 @@ def forward_select(
             likely = _likely(model.linear, candidates, log)
             further = (
                 add_best(model, likely, log)
-                or add_best(model, able := _accepted(model.linear, likely, log), log)
+                or add_best(model, able := _accepted(model, likely, log), log)
                 or add_best(model, _that_predict(model, able, log), log)
             )
         if further is None:
@@ -222,10 +222,17 @@ def _likely(linear: LinearModel, candidates: Candidates, log: DecisionLog) -> Li
     return steps, best
 
 
-def _accepted(linear: LinearModel, likely: Likely, log: DecisionLog) -> Likely:
-    """The other proposals that pass the acceptance test on their own, and the preferred one among them."""
-    able = [s for s in likely[0] if s is not likely[1] and accepted(linear, s, log=log)] if likely else []
-    return (able, choose(linear, able, log)) if able else None
+def _accepted(model: EffectModel, likely: Likely, log: DecisionLog) -> Likely:
+    """The proposals that pass the acceptance test on their own, and the preferred one among them.
+
+    Without the one that was preferred before, if it refines a finding: where that does not predict, another cause may.
+    """
+    if likely is None:
+        return None
+    steps, best = likely
+    others = [s for s in steps if s is not best] if refined(model, best) is not None else steps
+    able = [s for s in others if accepted(model.linear, s, log=log)]
+    return (able, choose(model.linear, able, log)) if able else None
 
 
 def _that_predict(model: EffectModel, able: Likely, log: DecisionLog) -> Likely:

@@ -83,7 +83,9 @@ def compare_alternatives(
         forms, before = empirical_evidence(other), empirical_evidence(best)
         least = most + (CLEARLY if forms > 0 else 0.0) if 2 * forms + CLEARLY > before else most - CLEARLY
         least = max(least, lowest)
-        better, what = value > least, f"search {own.search}: {_effects(other)}"
+        # two findings of one motion by one cause may hide each other: together they are no explanation
+        shown = all(np.isfinite(main.evidence) for main, *_ in other.findings)
+        better, what = shown and value > least, f"search {own.search}: {_effects(other)}"
         word: Outcome = "accepted" if better else "refused"
         log.add("model-evidence", word, what, value - most, least - most, beside=_effects(best))
         if better:
