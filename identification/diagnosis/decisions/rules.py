@@ -252,7 +252,8 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "search-from": Rule(COMPARISON, "", "An effect that a repeated search begins with."),
         "model-evidence": Rule(
             COMPARISON, "log evidence",
-            "Another model is kept if its evidence and prior are more; near-ties rest less on empirical terms.",
+            "Another model is kept if its evidence and prior are more, a near-tie if it rests less on empirical terms; "
+            "none is in which findings hide each other.",
             _decided("CLEARLY"),
         ),
         "model-cross-validation": Rule(
