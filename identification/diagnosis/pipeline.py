@@ -57,6 +57,7 @@ from identification.diagnosis.results.findings import (
 )
 from identification.diagnosis.results.nameless_alternative import checked_alternative
 from identification.diagnosis.results.physical_limits import checked_name
+from identification.diagnosis.results.profile_likelihood import other_constants
 from identification.diagnosis.results.recorded_functions import alike_motions, recorded
 from identification.diagnosis.results.statements import (
     alike_of,
@@ -184,6 +185,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         causes.append(checked_alternative(cause, *earlier.get(g[0].effect.key, (model, g)), functions, log))
     nameless = [g[0].effect for g, cause in zip(model.findings, causes, strict=True) if cause.nameless]
     final = known_where_recorded(final, model, first, nameless)
+    final = replace(final, others=other_constants(final, model, first))
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))

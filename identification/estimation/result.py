@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from identification.bayes.posterior import Posterior
+    from identification.uncertainty.time_constants import OtherConstant
 
 
 TWO_SIGMA = 0.9772498680518208  # of a normal distribution lies below two standard deviations
@@ -121,6 +122,7 @@ class Fit:
     counted: tuple[View, ...] = ()
     serial: Noise | None = None  # serial correlation of the residuals
     systematic_mm: float = 0.0  # of a coordinate: what is left and is no noise, by a diagnosis
+    others: tuple[OtherConstant, ...] = ()  # ends of intervals of time constants, by a diagnosis
     streamed: Streamed | None = None  # the survey and its residuals are then those of a sample of the rows
 
     @property

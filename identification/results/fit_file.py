@@ -30,6 +30,12 @@ def _turned(vector: list[float]) -> list[float]:
     return vector
 
 
+def _as_many(series: list[list[float]]) -> list[list[float]]:
+    if [len(values) for values in series] != 2 * [len(series[0]) if series else 0] or not series[0]:
+        raise ValueError("no series: it is [[times], [temperatures]], as many of these as of those")
+    return series
+
+
 class _Part(BaseModel):
     model_config = ConfigDict(extra="ignore", strict=True)  # keys of later versions are additions
 
@@ -85,6 +91,14 @@ class _SetUp(_Part):
     unit: str
 
 
+class _OtherConstant(_Part):
+    effect: Annotated[int, Field(ge=0)]
+    name: str
+    value: Annotated[Number, Field(gt=0)]
+    weight: Annotated[Number, Field(ge=0, le=1)]
+    parameters: dict[str, Number]
+
+
 class FitFile(_Part):
     """The keys of ``fit.json`` that prediction, compensation and monitoring use."""
 
@@ -97,13 +111,14 @@ class FitFile(_Part):
     noise: dict[str, _Noise]
     location_errors: list[_LocationError] = []
     covered: dict[str, Annotated[list[Number], Field(min_length=2, max_length=2)]] = {}
-    history: dict[str, Annotated[list[Number], Field(min_length=3, max_length=3)]] = {}
+    temperatures: dict[str, Annotated[list[list[Number]], AfterValidator(_as_many)]] = {}
     runs: list[str] = []
     robust: bool = False
     sigma_um: NotNegative | None = 0.0  # none of positions
     sigma_interval_um: list[Figure] = []
     coverage: Annotated[Number, Field(gt=0)] = 1.0
     systematic_um: NotNegative = 0.0
+    time_constants: list[_OtherConstant] = []
     observations: list[_SetUp] = []
 
 

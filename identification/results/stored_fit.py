@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,8 @@ from identification.results.set_ups import set_ups
 from identification.results.versions import read_json
 from identification.uncertainty.measured_range import covered
 from identification.uncertainty.one_side import only_sides
-from identification.uncertainty.recording_end import history_of, runs_of
+from identification.uncertainty.recording_end import runs_of, temperatures_of
+from identification.uncertainty.time_constants import OtherConstant
 
 SCHEMA = "errormodel.fit/1"
 CURE = "Give the folder that `errormodel fit ... --out DIR` wrote"
@@ -46,11 +47,16 @@ class StoredFit:
     free_reference: bool = False  # only readings were fitted, which do not show where the machine stands
     coverage: float = 1.0  # factor on standard uncertainties of predictions, for noise from few degrees of freedom
     systematic: float = 0.0  # mm of a coordinate, in the residuals, but no noise
+    others: tuple[OtherConstant, ...] = ()  # ends of the intervals of time constants
     unlisted: tuple[str, ...] = ()  # what is said of a folder whose files cannot be checked
 
     @property
     def fitted(self) -> Spread:
         return Spread(**self.data["fitted"])
+
+    def with_constant(self, other: OtherConstant) -> StoredFit:
+        """The fit with another time constant, and what else was fitted with it."""
+        return replace(self, chain=Chain(other.machine(self.chain.machine)), values=dict(other.parameters), others=())
 
     @property
     def widened(self) -> Array:
@@ -63,7 +69,7 @@ def recorded(fit: Fit) -> dict[str, Any]:
     return {
         "covered": covered(fit.chain, fit.span),
         "only_sides": only_sides(fit),
-        "history": history_of(fit.chain, fit.span),
+        "temperatures": temperatures_of(fit.chain, fit.span),
         "runs": runs_of(fit.chain, fit.span),
     }
 
@@ -85,6 +91,7 @@ def stored(fit: Fit, groups: Sequence[Mapping[str, Any]]) -> StoredFit:
         free_reference=bool(fit.problem.readings) and not fit.problem.frames and fit.survey.frame != "fixed",
         coverage=fit.coverage,
         systematic=fit.systematic_mm,
+        others=fit.others,
     )
 
 
@@ -115,6 +122,7 @@ def read_files(folder: Path) -> StoredFit:
             bool(data.get("readings")) and not data["frame"] and data["frame_mode"] != "fixed",
             float(data.get("coverage", 1.0)),
             1e-3 * float(data.get("systematic_um", 0.0)),
+            tuple(OtherConstant(**other) for other in data.get("time_constants", [])),
         )
     except OSError as error:
         raise InputError(str(path), f"it cannot be read ({error.strerror})", CURE) from error

@@ -31,6 +31,7 @@ from identification.uncertainty.recording_end import (
     in_last_run,
     started_anew,
 )
+from identification.uncertainty.time_constants import OtherConstant, with_other_constants
 from identification.uncertainty.unknown_rests import rested, with_other_use
 from identification.uncertainty.unknown_sides import midway
 
@@ -74,10 +75,14 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     import pandas as pd
 
     labels = _labels(fit, points)
-    channels = continued(fit.chain, fit.data.get("history", {}), points.table, fit.chain.columns(points.table))
-    channels = in_last_run(fit.chain, fit.data.get("runs", ()), points.table, channels)
-    channels = after_last_row(fit.chain, channels)
+    channels = _channels(fit, points)
     out = _predict_rows(fit, channels, labels)
+
+    def with_constant(other: OtherConstant) -> Array:
+        own = fit.with_constant(other)
+        return _predict_rows(own, _channels(own, points), labels)
+
+    out = with_other_constants(fit.others, out, with_constant)
     out = midway(fit.chain, points.table, channels, labels, out, partial(_predict_rows, fit))
     out = with_other_use(fit.chain, channels, labels, out, partial(_predict_rows, fit))
     out = perhaps_at_rest(fit.chain, points.table, channels, labels, out, partial(_predict_rows, fit))
@@ -87,6 +92,13 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     if points.observations:
         table = table.assign(**predicted_readings(fit, points, _variance))
     return table
+
+
+def _channels(fit: StoredFit, points: Survey) -> list[Array]:
+    """The model's channels at commands, which go on from the recording."""
+    channels = continued(fit.chain, fit.data.get("temperatures", {}), points.table, fit.chain.columns(points.table))
+    channels = in_last_run(fit.chain, fit.data.get("runs", ()), points.table, channels)
+    return after_last_row(fit.chain, channels)
 
 
 def _predict_rows(fit: StoredFit, channels: list[Array], labels: Array) -> Array:
@@ -126,7 +138,7 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     beyond = beyond_notes(fit.chain, fit.data.get("covered", {}), points.table)
     free = (FREE_REFERENCE,) if fit.free_reference else ()
     own = (*fit.unlisted, *rotation_notes(fit.frames))
-    late = started_anew(fit.chain, fit.data.get("history", {}), points.table)
+    late = started_anew(fit.chain, fit.data.get("temperatures", {}), points.table)
     ended = as_in_last_run(fit.chain, fit.data.get("runs", ()), points.table)
     idle, moving = rested(fit.chain, points.table), on_the_fly(fit.chain, points.table)
     mistakes = (MISTAKE.format(text=text) for text in mended_words(fit.chain.machine))
@@ -232,7 +244,8 @@ def _plausible(fit: StoredFit) -> dict[str, float]:
     """Size of an unidentified parameter by unit: root mean square of the identified ones, if at least three."""
     out = dict(PLAUSIBLE_SIZES)
     for unit, least in PLAUSIBLE_SIZES.items():
-        values = [v for i, v in fit.values.items() if fit.units[i] == unit and not i.startswith(("frame", "zero["))]
+        known = (i for i in fit.base if fit.units[i] == unit and not i.startswith(("frame", "zero[")))
+        values = [fit.values.get(i, 0.0) for i in known]
         if len(values) > 2:
             out[unit] = max(float(np.sqrt(np.mean(np.square(values)))), 1e-3 * least)
     return out

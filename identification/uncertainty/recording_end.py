@@ -1,8 +1,8 @@
-"""What later commands go on with from the recording's end: lagged temperatures on one clock, and its last run.
+"""What later commands go on with from a recording: temperatures that act late, and its last run.
 
-A first-order lag forgets: of its state before only one number is left. What follows differs from a lag that starts in
-equilibrium by ``(state - temperature) exp(-t/tau)``. What differs from run to run (a station that was moved, an axis
-that was homed anew) stays in later runs as it was in the last recorded one.
+A first-order lag forgets slowly: what it is at a command depends on temperatures that were recorded before it, and on
+those between. What differs from run to run (a station that was moved, an axis that was homed anew) stays in later runs
+as it was in the last recorded one.
 """
 
 from __future__ import annotations
@@ -14,71 +14,78 @@ import numpy as np
 
 from errormodel.arrays import Array, Mask
 from errormodel.chain import Chain
-from errormodel.channels import DERIVED_CHANNEL, channel, clocks, lagged
+from errormodel.channels import DERIVED_CHANNEL, channel, clocks
 
 if TYPE_CHECKING:
     import pandas as pd
 
 LAST_ROW = 1e9  # number of a row after all that were recorded, where nothing says how many these were
-History = Mapping[str, Sequence[float]]  # of each lagged channel: time (s), temperature and lagged temperature (degC)
+MOST_TIMES = 200  # of a recording that are kept: a time constant is seldom as short as a hundredth of it
+Recorded = Mapping[str, Sequence[Sequence[float]]]  # of each sensor that acts late: times (s), temperatures (degC)
 
 
-def _lags(chain: Chain) -> Iterator[tuple[int, str, str, float]]:
-    """Lagged channels of a model: number, name, base channel and time constant, s."""
+def _lags(chain: Chain) -> Iterator[tuple[int, str, str]]:
+    """Lagged channels of a model: number, name and base channel."""
     for number, name in enumerate(chain.channels):
         call = DERIVED_CHANNEL.fullmatch(name)
         if call and call[1] == "lag":
-            yield number, name, call[2], float(call[3])
+            yield number, name, call[2]
 
 
-def history_of(chain: Chain, table: pd.DataFrame) -> dict[str, list[float]]:
-    """State of each lagged channel at the end of a recording; none of a channel whose rows have several clocks."""
+def temperatures_of(chain: Chain, table: pd.DataFrame) -> dict[str, list[list[float]]]:
+    """What a recording has of each sensor that acts late; nothing where its rows have several clocks, or one time."""
     out = {}
-    for _, name, base, _ in _lags(chain):
+    for base in dict.fromkeys(base for _, _, base in _lags(chain)):
         if base not in table or "time" not in table or np.ptp(clocks(table, base)):
             continue
         time = channel(table, "time")
-        last = int(np.argmax(time))
-        if time[last] > time.min():
-            out[name] = [float(values[last]) for values in (time, channel(table, base), channel(table, name))]
+        if np.ptp(time) > 0:
+            kept = np.argsort(time, kind="stable")
+            kept = kept[np.unique(np.linspace(0, len(kept) - 1, MOST_TIMES).astype(int))]
+            out[base] = [time[kept].tolist(), channel(table, base)[kept].tolist()]
     return out
 
 
-def continued(chain: Chain, history: History, table: pd.DataFrame, columns: list[Array]) -> list[Array]:
-    """The columns of later commands, of which lagged channels go on from the recording's end.
+def continued(chain: Chain, recorded: Recorded, table: pd.DataFrame, columns: list[Array]) -> list[Array]:
+    """The columns of commands, of which lagged channels go on from what was recorded before each, and between them.
 
-    Between the end and the first row the temperature is taken to change evenly. Rows at one time are states, each in
-    equilibrium; rows that begin before the recording's end have another clock, or other temperatures.
+    Between two rows the temperature is taken to change evenly.
     """
     out = list(columns)
-    for number, name, base, tau in _lags(chain):
-        if not _goes_on(history.get(name), table, base):
-            continue
-        end, warm, state = history[name]
-        time, values = channel(table, "time"), channel(table, base)
-        first = int(np.argmin(time))
-        start = lagged(np.array([end, time[first]]), np.array([warm, values[first]]), tau)[1]
-        start += (state - warm) * np.exp(-(time[first] - end) / tau)
-        out[number] = columns[number] + (start - values[first]) * np.exp(-(time - time[first]) / tau)
+    for number, name, base in _lags(chain):
+        both = _on_one_clock(recorded.get(base), table, base)
+        if both is not None:
+            out[number] = channel(both, name)[-len(table) :]
     return out
 
 
-def _goes_on(state: Sequence[float] | None, table: pd.DataFrame, base: str) -> bool:
-    """Whether commands have one clock, and come after the recording's end."""
-    if state is None or np.ptp(clocks(table, base)):
-        return False
-    time = channel(table, "time")
-    return bool(time.min() >= state[0] and np.ptp(time) > 0)
+def _on_one_clock(recorded: Sequence[Sequence[float]] | None, table: pd.DataFrame, base: str) -> pd.DataFrame | None:
+    """Times and temperatures recorded, and those of the commands after them; None where they have no clock in common.
+
+    Rows at one time are states, each in equilibrium. Commands that begin before the recording's end have its clock if
+    their temperatures are those that were recorded at these times (`clocks`).
+    """
+    import pandas as pd
+
+    if recorded is None or base not in table or "time" not in table or np.ptp(clocks(table, base)):
+        return None
+    own = [channel(table, name) for name in ("time", base)]
+    if not np.ptp(own[0]) > 0:
+        return None
+    time, values = (np.concatenate([before, after]) for before, after in zip(recorded, own, strict=True))
+    run = np.repeat(["recorded", "commanded"], [len(recorded[0]), len(table)])
+    both = pd.DataFrame({"time": time, base: values, "run": run, "file": ""})
+    return None if np.ptp(clocks(both, base)) else both
 
 
-def started_anew(chain: Chain, history: History, table: pd.DataFrame) -> Iterator[str]:
+def started_anew(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> Iterator[str]:
     """A note on lagged channels that do not go on from the recording: they start in equilibrium."""
-    names = [base for _, name, base, _ in _lags(chain) if not _goes_on(history.get(name), table, base)]
+    names = [base for _, _, base in _lags(chain) if _on_one_clock(recorded.get(base), table, base) is None]
     if names:
         yield (
             f"{', '.join(dict.fromkeys(names))} acts late, and what it was before the first row is not known: it is "
-            "taken to have been as in that row for long (in each row, where all have one time). Times that go on after "
-            "the recording's end, on its clock, continue it"
+            "taken to have been as in that row for long (in each row, where all have one time). Times on the "
+            "recording's clock, within it or after its end, continue what was recorded"
         )
 
 

@@ -15,10 +15,10 @@ from errormodel.simulation import random_points
 from identification.uncertainty.recording_end import (
     as_in_last_run,
     continued,
-    history_of,
     in_last_run,
     runs_of,
     started_anew,
+    temperatures_of,
 )
 
 LAG = "lag(T_bed,1800)"
@@ -42,12 +42,33 @@ def test_two_halves_are_the_whole(chain: Chain) -> None:
     whole = chain.columns(table)[number]
     first, later = table.iloc[:50], table.iloc[50:].reset_index(drop=True)
     anew = chain.columns(later)
-    history = history_of(chain, first)
+    history = temperatures_of(chain, first)
     went_on = continued(chain, history, later, anew)
     np.testing.assert_allclose(went_on[number], whole[50:], rtol=1e-12)
     assert np.abs(anew[number] - whole[50:]).max() > 2  # K: what a start in equilibrium makes of it
     assert all(a is b for k, (a, b) in enumerate(zip(went_on, anew, strict=True)) if k != number)
     assert not list(started_anew(chain, history, later))
+
+
+def test_commands_within_the_recording(chain: Chain) -> None:
+    """Their temperatures before the first row, and between rows, are those that were recorded."""
+    table = warming(chain)
+    number = chain.channels.index(LAG)
+    some = table.iloc[20::7].reset_index(drop=True)
+    recorded = temperatures_of(chain, table)
+    went_on = continued(chain, recorded, some, chain.columns(some))
+    np.testing.assert_allclose(went_on[number], chain.columns(table)[number][20::7], rtol=1e-9)
+    assert not list(started_anew(chain, recorded, some))
+
+
+def test_of_long_recordings_few_times_are_kept(chain: Chain) -> None:
+    table = warming(chain, 5000)
+    number = chain.channels.index(LAG)
+    recorded = temperatures_of(chain, table)
+    assert len(recorded["T_bed"][0]) == 200
+    some = table.iloc[2000::90].reset_index(drop=True)
+    went_on = continued(chain, recorded, some, chain.columns(some))
+    np.testing.assert_allclose(went_on[number], chain.columns(table)[number][2000::90], atol=0.01)  # K
 
 
 @pytest.mark.parametrize("case", ["earlier times", "one time", "clocks of their own", "recorded with clocks"])
@@ -62,7 +83,7 @@ def test_other_clocks_start_anew(chain: Chain, case: str) -> None:
         later["file"] = np.repeat(["p.csv", "q.csv"], 15)
     else:
         first = first.assign(file=np.repeat(["s.csv", "r.csv"], 25))
-    history = history_of(chain, first)
+    history = temperatures_of(chain, first)
     assert bool(history) == (case != "recorded with clocks")
     anew = chain.columns(later)
     assert all(a is b for a, b in zip(continued(chain, history, later, anew), anew, strict=True))

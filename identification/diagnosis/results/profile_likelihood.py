@@ -1,0 +1,84 @@
+"""Time constants on either side of the likeliest, as far as the profile likelihood leaves them open.
+
+The likelihood, maximised over all other parameters, is averaged over the logarithm of the time constant: what lies
+below the likeliest, and what above, is represented by its root mean square (Y. Pawitan, In All Likelihood, 2001,
+section 3.4, of the profile likelihood).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from errormodel.effects.base import Effect
+from identification.diagnosis.search.candidates import WIDEST
+from identification.diagnosis.search.model import EffectModel
+from identification.diagnosis.search.scoring import Step
+from identification.estimation.fit import fit_machine
+from identification.estimation.result import Fit
+from identification.uncertainty.time_constants import OtherConstant
+
+FARTHEST = np.log(30.0)  # logarithm of the largest ratio: beyond it a lag is a line in time, or none
+STEPS = 32  # on either side
+SURE = FARTHEST / STEPS  # a tenth of the time constant: what is better known changes no prediction by more than that
+CLEAR = 4.0  # chi-squared: two standard uncertainties
+
+
+def other_constants(final: Fit, model: EffectModel, first: int) -> tuple[OtherConstant, ...]:
+    """Of each time constant that is not well known a smaller and a larger one, with all parameters fitted to them.
+
+    Parameters
+    ----------
+    first : number of the model's first effect among the machine's.
+    """
+    out = []
+    for number, step in enumerate(model.steps):
+        if step.parent is not None:  # a further lag corrects the form of a first one
+            continue
+        for name in _time_constants(step.effect, final):
+            for ratio, weight in _sides(_rise(final, model, step, name)):
+                value = float(getattr(step.effect, name)) * ratio
+                trial = OtherConstant(first + number, name, value, weight, {})
+                other = fit_machine(trial.machine(final.chain.machine), final.survey, effect_sizes=WIDEST)
+                out.append(OtherConstant(first + number, name, value, weight, other.solution.named()))
+    return tuple(out)
+
+
+def _sides(rise: Callable[[float], float]) -> Iterator[tuple[float, float]]:
+    """Ratios to the likeliest and probabilities of what lies below and above it; none where it is well known.
+
+    Parameters
+    ----------
+    rise : of chi-squared with the logarithm of the ratio.
+    """
+    if min(rise(-2 * SURE), rise(2 * SURE)) > CLEAR:
+        return
+    logarithm = SURE * np.arange(-STEPS, STEPS + 1)
+    likelihood = np.exp(-0.5 * np.array([max(rise(x), 0.0) for x in logarithm.tolist()]))
+    for own in (logarithm < 0, logarithm > 0):
+        mass = likelihood[own].sum()
+        ratio = np.exp(np.sign(logarithm[own][0]) * np.sqrt(np.sum(likelihood[own] * logarithm[own] ** 2) / mass))
+        yield float(ratio), float(mass / likelihood.sum())
+
+
+def _rise(final: Fit, model: EffectModel, step: Step, name: str) -> Callable[[float], float]:
+    """Rise of chi-squared with the logarithm of a time constant's ratio to that of the step."""
+    beside, value = model.without([step]), float(getattr(step.effect, name))
+    rows = len(final.survey) / max(len(np.unique(model.start.index)), 1)  # that each row of the linear model stands for
+    variance, least = model.linear.square / model.linear.freedom / rows, beside.square_with(step.effect)
+
+    def rise(x: float) -> float:
+        other = step.effect.model_copy(update={name: value * float(np.exp(x))})
+        return (beside.square_with(other) - least) / variance
+
+    return rise
+
+
+def _time_constants(effect: Effect, final: Fit) -> list[str]:
+    """Fields of an effect that are time constants and were searched."""
+    if effect.random:
+        return []
+    machine = final.chain.machine
+    own = [n for n, kind in effect.shapes().items() if kind.searched and not kind.place]
+    return [n for n in own if getattr(effect, n) and effect.unit_of_shape(n, machine) == "s"]

@@ -1,0 +1,42 @@
+"""A recording that is shorter than a time constant: hours later what is predicted is as uncertain as it is wrong."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from errormodel.machine import EffectSpec
+from errormodel.machine_file import read_machine
+from identification.diagnosis.pipeline import diagnose
+from identification.results import store
+from identification.results.predictions import predicted
+from tests.helpers.commands import XYZ
+from tests.helpers.diagnosed import empty_survey, showing
+
+UNCERTAINTY = ["ux", "uy", "uz"]
+
+
+@pytest.mark.parametrize(("tau", "hours", "known"), [(8000.0, 0.5, False), (1000.0, 4.0, True)])
+def test_later_than_the_recording(tau: float, hours: float, known: bool, tmp_path: Path) -> None:
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 500, 5, channels=False, grid=False)
+    time = np.concatenate([np.linspace(0, 3600 * hours, 400), 3600 * np.linspace(hours, 12, 100)])
+    bed = 20 + 8 * (1 - np.exp(-time / 900))
+    survey = replace(survey, table=survey.table.assign(time=time, T_bed=bed))
+    spec = EffectSpec("structure-drift", {"element": "column", "motion": "dy", "sensor": "T_bed", "tau": tau})
+    whole = showing(survey, machine, [(spec, [0.008])], 0.002)
+    parts = (whole.table.head(400), whole.table.tail(100).reset_index(drop=True))
+    first, later = (replace(whole, table=part) for part in parts)
+    diagnosed = diagnose(machine, first)
+    assert [f.effect for f in diagnosed.diagnosis.findings] == ["structure-drift"]
+    store.save(diagnosed.final, tmp_path)
+    assert bool(json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))["time_constants"]) != known
+    out = predicted(store.load(tmp_path), later)
+    error, u = (np.sqrt(np.square(v).mean()) for v in (out[XYZ] - later.table[XYZ], out[UNCERTAINTY]))
+    assert error["my"] > 0.02 or known  # mm: the recording does not show where it ends
+    assert error["my"] < 2 * u["uy"] + 0.002
+    assert u["uy"] < 0.12
