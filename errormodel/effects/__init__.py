@@ -66,6 +66,7 @@ def _wrong(kind: type[Effect], error: ValidationError) -> tuple[str, str, str]:
     words = re.findall(r"'([^']*)'", str(first.get("ctx", {}).get("expected", "")))
     if words:
         return key, shown(first["input"]), f"{nearest(str(first['input']), words)}. {write}"
-    rule = first["msg"].removeprefix("Value error, ").partition(",")[0].replace("Input should be", "It must be")
-    rule = rule.replace("a valid tuple", "a list in brackets, [ ]")
+    own = first["type"] == "value_error"  # a sentence of the effect's
+    rule = first["msg"].removeprefix("Value error, ") if own else first["msg"].partition(",")[0]
+    rule = rule.replace("Input should be", "It must be").replace("a valid tuple", "a list in brackets, [ ]")
     return key, shown(first["input"]) if first["loc"] else "keys that contradict each other", f"{rule}. {write}"

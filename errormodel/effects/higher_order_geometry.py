@@ -8,17 +8,27 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from errormodel.conventions import MOTIONS, Motion, iso_symbol, unit_of
+from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, iso_symbol, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, axis_motion
 from errormodel.effects.ops import Value
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import POSITIONS_PER_PERIOD, Positive, closed_splines, resolved, splines, waves
-from errormodel.effects.travel import fraction, legendre, length, scaled, usual_size
+from errormodel.effects.shared import (
+    POSITIONS_PER_PERIOD,
+    Positive,
+    across,
+    bending,
+    closed_splines,
+    joint_as,
+    resolved,
+    splines,
+    waves,
+)
+from errormodel.effects.travel import fraction, legendre, legendre_slope, length, scaled, usual_size
 from errormodel.machine import Joint, Machine, joint_of
 
 Degree = Annotated[int, Field(ge=0, le=30)]
@@ -39,6 +49,8 @@ class HigherOrderGeometry(JointEffect):
     With `every` (mm, rad) it is a curve: cubic B-splines at that spacing, with a zero-mean prior of standard deviation
     `size` (mm, rad). Beyond the measured range the curve returns to zero and its standard uncertainty to `size`. The
     curve of a joint that makes full revolutions is periodic.
+
+    With `slope` a straightness comes with the rotation of its slope: a carriage that follows a bent guide.
     """
 
     effect: ClassVar[str] = "higher-order-geometry"
@@ -60,6 +72,13 @@ class HigherOrderGeometry(JointEffect):
     degrees: tuple[Degree, ...] = ()  # (): one above the declared model
     every: Positive | None = None
     size: Positive | None = None  # None: 20 um, 30 urad
+    slope: bool = False
+
+    @model_validator(mode="after")
+    def _of_a_straightness(self) -> Self:
+        if self.slope and (self.motion not in TRANSLATIONS or self.every or 0 in self.degrees):
+            raise ValueError("a slope is that of a straightness in polynomials: motion: dy, degrees: [3]")
+        return self
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -71,16 +90,21 @@ class HigherOrderGeometry(JointEffect):
         if self.every:
             splines = curve(joint, q, self.every)
             return [EffectTerm(self.joint, str(k), unit, {self.motion: s}, size) for k, s in enumerate(splines)]
-        shapes = {}
+        shapes, slopes = {}, {}
         for n in self.degrees or (declared(joint, self.motion) + 1,):
             if n == 0:
                 shapes["0"] = 0 * q + 1
                 size = CONSTANT_SIZE_RATIO * size
             elif joint.type == "prismatic":
                 shapes[str(n)] = legendre(n, scaled(joint, q))
+                slopes[str(n)] = 2 / length(joint) * legendre_slope(n, scaled(joint, q))
             else:
                 shapes |= {f"{name}{n}": wave for name, wave in waves(q, n).items()}
-        return [EffectTerm(self.joint, label, unit, {self.motion: value}, size) for label, value in shapes.items()]
+        moved = {label: {self.motion: value} for label, value in shapes.items()}
+        if self.slope:
+            bent = joint_as(machine, self.joint, "prismatic", self.effect)
+            moved = {label: bending(bent, self.motion, shapes[label], slope) for label, slope in slopes.items()}
+        return [EffectTerm(self.joint, label, unit, motion, size) for label, motion in moved.items()]
 
     @property
     def random(self) -> bool:
@@ -98,8 +122,9 @@ class HigherOrderGeometry(JointEffect):
             yield cls(joint=joint.name, motion=motion, degrees=(0,))
             n = declared(joint, motion) + 1
             sets = [(n,), (n + 1,), (n, n + 1)] + ([(n, n + 1, n + 2)] if joint.type == "prismatic" else [])
-            for degrees in sets:
-                yield cls(joint=joint.name, motion=motion, degrees=degrees)
+            bent = joint.type == "prismatic" and motion in across(joint, "d")
+            for degrees, slope in product(sets, (False, True)[: 1 + bent]):
+                yield cls(joint=joint.name, motion=motion, degrees=degrees, slope=slope)
         for joint in scene.moving:
             rows, span = len(scene.columns[joint.name]), float(np.ptp(scene.span(joint)))
             for every in FINE_SPACINGS_RAD if joint.type == "rotary" else (length(joint) / n for n in FINE_PIECES):

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import combinations, product
-from typing import ClassVar
+from typing import ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from errormodel.conventions import FRAME, MOTIONS, ROTATIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
@@ -22,7 +22,7 @@ from errormodel.machine import Machine, Shape, Vector, joint_of
 
 
 class StructureDrift(Effect):
-    """``drift * (temperature - 20)`` in one motion of a member, mm/K or rad/K.
+    """``drift * (temperature - 20)`` in one `motion` of a member, mm/K or rad/K, or with ``all`` in each of the six.
 
     `tau` (s) is the member's lag behind the sensor, `minus` a sensor in place of 20 degC. At a joint, `order` lets the
     drift vary along the travel in Legendre polynomials up to that degree (-1 to 1). `std` is the standard deviation of
@@ -40,13 +40,19 @@ class StructureDrift(Effect):
     example: ClassVar[Mapping[str, object]] = {"element": "T1", "motion": "dx", "sensor": "T_bed"}
 
     element: str
-    motion: Motion
+    motion: Motion | Literal["all"]
     sensor: str
     minus: str | None = None
     tau: Lag = 0.0
     about: Vector | None = None
     order: int = Field(0, ge=0, le=5)
     std: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_motion(self) -> Self:
+        if self.motion == "all" and (self.about is not None or self.order or self.std is not None):
+            raise ValueError("with about, order or std a member has one motion: motion: ea")
+        return self
 
     @property
     def where(self) -> str:
@@ -61,13 +67,15 @@ class StructureDrift(Effect):
         return self.std is not None
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        unit = f"{unit_of(self.motion)}/K"
         warm = warmth(channel, self.sensor, self.minus, self.tau)
-        size = self.std or (0.01 if self.motion in TRANSLATIONS else 1e-5)
+        if self.motion == "all":
+            return [EffectTerm(self.element, "", f"{unit_of(m)}/K", {m: warm}, _usual(m)) for m in MOTIONS]
+        unit = f"{unit_of(self.motion)}/K"
+        size = self.std or _usual(self.motion)
         # the label names the sensor, so that several random effects at one element differ
         name = f"{self.sensor}{f'-{self.tau:g}s' if self.tau else ''}" if self.random else ""
         if not self.order:
-            return [EffectTerm(self.element, name, unit, self._turned(warm), size)]
+            return [EffectTerm(self.element, name, unit, self._turned(self.motion, warm), size)]
         joint = joint_of(machine, self.element)
         shapes = polynomials(self.order, scaled(joint, channel(joint.name)))
         return [
@@ -75,18 +83,18 @@ class StructureDrift(Effect):
             for n, shape in enumerate(shapes)
         ]
 
-    def _turned(self, angle: Value) -> dict[Motion, Value]:
+    def _turned(self, motion: Motion, angle: Value) -> dict[Motion, Value]:
         """The motion; for a rotation about another point also the displacement of the element's origin."""
-        if self.about is None or self.motion not in ROTATIONS:
-            return {self.motion: angle}
-        axis = np.array([float(m == self.motion) for m in ROTATIONS])
+        if self.about is None or motion not in ROTATIONS:
+            return {motion: angle}
+        axis = np.array([float(m == motion) for m in ROTATIONS])
         away = np.cross(self.about, axis)
-        return {self.motion: angle} | {m: angle * float(d) for m, d in zip(TRANSLATIONS, away, strict=True) if d}
+        return {motion: angle} | {m: angle * float(d) for m, d in zip(TRANSLATIONS, away, strict=True) if d}
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for element in members(scene.machine):
-            for motion in MOTIONS:
+            for motion in (*MOTIONS, "all"):
                 yield from _by_sensors(scene, element, motion)
         for motion in _base(scene.machine):
             yield from _by_sensors(scene, FRAME, motion)
@@ -97,7 +105,12 @@ class StructureDrift(Effect):
                     yield from _lagging(scene, element=FRAME, motion=motion, about=about, sensor=sensor, minus=minus)
 
 
-def _by_sensors(scene: Scene, element: str, motion: Motion) -> Iterator[Effect]:
+def _usual(motion: Motion) -> float:
+    """Usual size per K, mm or rad."""
+    return 0.01 if motion in TRANSLATIONS else 1e-5
+
+
+def _by_sensors(scene: Scene, element: str, motion: str) -> Iterator[Effect]:
     for sensor in scene.sensors:
         yield from _lagging(scene, element=element, motion=motion, sensor=sensor)
 

@@ -57,6 +57,11 @@ def legendre(degree: int, u: Value) -> Value:
     return here
 
 
+def legendre_slope(degree: int, u: Value) -> Value:
+    """Derivative of the Legendre polynomial of degree 1 or higher: the sum of (2k + 1) P_k, k one less, three less."""
+    return sum((2 * k + 1) * (legendre(k, u) if k else 1.0) for k in range(degree - 1, -1, -2)) + 0 * u
+
+
 def polynomials(degree: int, u: Value) -> list[Value]:
     """Legendre polynomials from degree 0 to `degree`."""
     return [1.0, *(legendre(n, u) for n in range(1, degree + 1))]

@@ -39,10 +39,10 @@ class WarmUp(Effect):
 
     `tau` (s) is the time constant, `start` (s, on the clock of ``time``) the beginning. Positive: longer. With a
     `motion` that one (mm, rad), or with ``all`` each of the six, grows in Legendre polynomials of the joint's travel
-    (-1 to 1) up to `degree`. An `element` is a member that moves or tilts as a whole in its `motion`. In `rests`, from
-    and to a time each (s), the machine stands and it cools as fast. `until` is the end of what was recorded, and
-    `step` the longest time between two rows there that was no rest: rows that come later than that after it begin after
-    a rest, too.
+    (-1 to 1) up to `degree`. An `element` is a member that moves or tilts as a whole in a `motion`, or in ``all`` six.
+    In `rests`, from and to a time each (s), the machine stands and it cools as fast. `until` is the end of what was
+    recorded, and `step` the longest time between two rows there that was no rest: rows that come later than that after
+    it begin after a rest, too.
     """
 
     effect: ClassVar[str] = "warm-up"
@@ -64,8 +64,8 @@ class WarmUp(Effect):
 
     @model_validator(mode="after")
     def _one_of_them(self) -> Self:
-        if self.element is not None and (self.joint is not None or self.motion in (None, "all")):
-            raise ValueError("a member that warms up has one motion and is no joint: element: T1, motion: ea")
+        if self.element is not None and (self.joint is not None or self.motion is None):
+            raise ValueError("a member that warms up has a motion and is no joint: element: T1, motion: ea")
         ends = [self.start, *(t for rest in self.rests for t in rest), *([] if self.until is None else [self.until])]
         if any(before > after for before, after in pairwise(ends)):
             raise ValueError("start and rests and until must follow one another in time")
@@ -89,9 +89,9 @@ class WarmUp(Effect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = self._warm(channel)
-        if self.element is not None and self.motion is not None and self.motion != "all":
-            size = 0.03 if self.motion in TRANSLATIONS else 3e-5
-            return [EffectTerm(self.element, "", unit_of(self.motion), {self.motion: warm}, size)]
+        if self.element is not None and self.motion is not None:
+            sizes = {m: 0.03 if m in TRANSLATIONS else 3e-5 for m in MOTIONS if self.motion in (m, "all")}
+            return [EffectTerm(self.element, "", unit_of(m), {m: warm}, size) for m, size in sizes.items()]
         if self.joint is None:
             motion = {name: value * warm for name, value in outward(machine).items()}
             return [EffectTerm("tool", "growth", "mm", motion, 0.02)]
@@ -133,5 +133,6 @@ class WarmUp(Effect):
             if scene.all_motions and scene.motions_of in {j.name for j in scene.prismatic}:
                 for tau, degree in product(settling_times(scene), range(4)):
                     yield cls(joint=scene.motions_of, tau=tau, motion="all", degree=degree)
-            for element, motion, tau, use in product(members(scene.machine), MOTIONS, settling_times(scene), uses):
+            motions = (*MOTIONS, "all")
+            for element, motion, tau, use in product(members(scene.machine), motions, settling_times(scene), uses):
                 yield use.model_copy(update={"element": element, "motion": motion, "tau": tau})

@@ -1,4 +1,4 @@
-"""Notes on times: that fall from row to row, or by which a machine would creep or fly, as with another unit."""
+"""Notes on times: that fall, or by which a machine would creep or fly, as with another unit."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ if TYPE_CHECKING:
 
 # time in which the fastest joint would cross its travel, s: on the fly none takes an hour, and none a tenth of a second
 _CREEPS, _FLIES = 3600.0, 0.1
+_SELDOM = 20  # rows for each time that a clock was set back: rows in another order go back more often
 
 
 def clock_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
-    """A note where times fall all along, or rows on a path that runs on creep, or any rows fly as no machine does."""
+    """A note where times fall, or rows on a path that runs on creep, or any rows fly as no machine does."""
     if "time" not in table:
         return
     steps = table["time"].groupby(label_numbers(table, ["file", "run"])).diff()
@@ -27,6 +28,15 @@ def clock_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
         yield (
             "column time: times fall from row to row, so that the rows are taken as measured from the last to the "
             "first. If this is the time that was left, write the time since the start"
+        )
+    elif 0 < (back := (steps < 0).to_numpy()).sum() <= len(table) / _SELDOM:
+        first = int(np.flatnonzero(back)[0])
+        number = table["row"].iloc[first] if "row" in table else first + 1
+        more = f", and {back.sum() - 1} times more" if back.sum() > 1 else ""
+        yield (
+            f"column time: before row {number} the time goes back by {-steps.iloc[first]:.4g} s{more}; rows are taken "
+            "in the order of their times. If the clock was set back, give the rows behind a run of their own, or add "
+            "to their times what it lost"
         )
     joints = [j for j in machine.joints if np.isfinite(table[j.name]).all() and np.ptp(table[j.name]) > 0]
     if not joints:

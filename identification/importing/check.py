@@ -14,6 +14,7 @@ from errormodel.machine import Joint, Machine
 from errormodel.survey import Survey
 from errormodel.surveys.columns import ORIENTATION, SIGMA_COLUMNS
 from identification.diagnosis.data_checks.readings import Lengths, length_lines, lengths_of, refuse_exchanged
+from identification.diagnosis.data_checks.temperature_sensors import faults
 from identification.importing.proof import Proof, prove
 from identification.importing.text import proof_lines
 from identification.observation.assembly import build
@@ -150,12 +151,14 @@ def _channels(survey: Survey) -> Iterator[str]:
     else:
         yield "no time: drift does not show"
     sensors = [str(c) for c in table if str(c).startswith("T_")]
+    wrong = faults(table)
     for name in sensors:
         values = table[name].to_numpy(dtype=np.float64)
         seen = values[np.isfinite(values)]
         if len(seen):
             text = f"{name}: {seen.min():.2f} to {seen.max():.2f} degC"
-            yield text + ("" if np.ptp(seen) > 0 else ", constant: an expansion with it does not show")
+            still = "" if np.ptp(seen) > 0 else ", constant: an expansion with it does not show"
+            yield text + (f": {wrong[name]}; `diagnose` lets it drive nothing" if name in wrong else still)
     if not sensors:
         yield "no temperatures: what grows with them is seen as drift at best"
     others = [str(c) for c in table if str(c).startswith("w_") or c in ("feed", "load")]

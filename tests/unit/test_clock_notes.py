@@ -52,3 +52,13 @@ def test_times_that_fall_all_along_are_noted() -> None:
     assert "times fall from row to row" in note
     half = table.assign(run=np.repeat(["2", "1"], [ROWS // 2, ROWS - ROWS // 2]))
     assert not list(clock_notes(half.iloc[::-1].assign(time=np.tile(np.arange(ROWS // 2), 2)), MILL))
+
+
+def test_a_clock_that_was_set_back_is_noted() -> None:
+    table = survey(2.0, True)
+    (note,) = clock_notes(table.assign(time=table["time"] - 100.0 * (np.arange(ROWS) >= 120)), MILL)
+    assert "before row 121 the time goes back by 98 s;" in note
+    other_order = table.sample(frac=1.0, random_state=1)
+    assert not list(clock_notes(other_order, MILL))
+    each_from_zero = table.assign(run=np.repeat(["1", "2"], ROWS // 2), time=np.tile(np.arange(ROWS // 2), 2))
+    assert not list(clock_notes(each_from_zero, MILL))

@@ -32,6 +32,7 @@ def test_dead_sensors() -> None:
             T_frame=stuck,
             T_loose=loose,
             T_gap=gap,
+            T_room=np.where(t < 150, warming, 1.8 * warming + 32),
             T_hotend=8 * warming,
             T_oven=8 * warming,
         )
@@ -41,6 +42,7 @@ def test_dead_sensors() -> None:
         "T_frame": "stuck at 26 degC in 140 of 200 rows while others move by 61.5 K",
         "T_loose": "jumps by more than 10 K and back in 4 of 200 rows",
         "T_gap": "no value in 1 of 200 rows",
+        "T_room": "goes from 24.58 to 76.26 at row 151, as from degC to degF",
         "T_oven": "160 degC in all rows",
     }
 

@@ -24,6 +24,7 @@ BEFORE, SUDDEN = 10, 3.0  # rows before it got stuck, in which it moved by as ma
 ALIVE = 0.5  # of the rows: a sensor with noise changes in most of them
 NOISY = 0.05  # of the changes go back on the one before; where it warms, few
 SPIKE = 10.0  # K, up and at once back
+OTHER_UNIT = 2.0  # K, at most, from what the row before is in degF
 SOON = 300.0  # s: nothing that weighs something warms by that and cools again
 
 
@@ -68,6 +69,8 @@ def _fault(name: str, values: Array, others: list[Array], time: Array | None) ->
             return f"stuck at {values[start]:.4g} degC in {_rows(end - start, n)} while others move by {moved:.1f} K"
     if silent := _silent(values, others):
         return silent
+    if (changed := _changed_unit(values)) and not HEATED.search(name):
+        return changed
     spikes = _spikes(values, time)
     if spikes:
         return f"jumps by more than {SPIKE:.0f} K and back in {_rows(spikes, n)}"
@@ -103,6 +106,17 @@ def _silent(values: Array, others: list[Array]) -> str:
     if moved < STEPS * resolution:
         return ""
     return f"stuck at {values[start]:.4g} degC from row {start + 1} of {n} on while others move by {moved:.1f} K"
+
+
+def _changed_unit(values: Array) -> str:
+    """What is wrong with a sensor that goes on in degF, or in degC, from some row on."""
+    before, after = values[:-1], values[1:]
+    for cold, warm, units in ((before, after, "degC to degF"), (after, before, "degF to degC")):
+        rows = np.flatnonzero((np.abs(1.8 * cold + 32 - warm) < OTHER_UNIT) & (np.abs(warm - cold) > SPIKE))
+        if len(rows):
+            row = int(rows[0]) + 1
+            return f"goes from {values[row - 1]:.4g} to {values[row]:.4g} at row {row + 1}, as from {units}"
+    return ""
 
 
 def _spikes(values: Array, time: Array | None) -> int:
