@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -50,12 +51,13 @@ def checked_alternative(
 def refusal(model: EffectModel, group: Sequence[Step], functions: Sequence[Functions], log: DecisionLog) -> str | None:
     """Why a finding of a model has no name: one of the `functions` has more evidence, or leaves as much beside it."""
     main = group[0].effect
-    if main.random:  # a curve of its own joint's position has this name
-        functions = [f for f in functions if f.channels != main.drivers]
+    without = model.without(group)
+    if main.flexible:  # any curve of its own joint's position has this name
+        own_curve = partial(_of_its_motion, without, main)
+        functions = [f for f in functions if f.channels != main.drivers or not (main.random or own_curve(f))]
     if (probability := probability_of(group[0])) < EVEN:
         log.add("unlikely-name", "refused", main, probability, EVEN)
         return "other explanations together are likelier"
-    without = model.without(group)
     effects = [s.effect for s in group if _one_name(main, s.effect)]
     evidence, form = _of_any_size(without, effects)
     own = max(without.square - form.square, 1e-300)
@@ -123,8 +125,12 @@ def _of_its_form(linear: LinearModel, effect: Effect, function: Functions) -> bo
 
     Not by its own joint's position, of which any curve is usual.
     """
-    if not {*map(root, function.channels)} <= {*map(root, effect.drivers)} - {effect.where}:
-        return False
+    by_its_channels = {*map(root, function.channels)} <= {*map(root, effect.drivers)} - {effect.where}
+    return by_its_channels and _of_its_motion(linear, effect, function)
+
+
+def _of_its_motion(linear: LinearModel, effect: Effect, function: Functions) -> bool:
+    """Whether a function is a motion of the effect, or one alike at another element."""
     own, place = moves(linear, effect), (function.element, function.motion)
     return place in own or any(place in alike_motions(linear, *one) for one in own)
 
