@@ -5,8 +5,7 @@ Seen where a correction table is active, switched off or applied twice. Units: m
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import combinations
+from collections.abc import Iterator, Mapping
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -15,10 +14,10 @@ from pydantic import Field
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.ops import absolute, fmax
 from errormodel.effects.search_space.survey_summary import Scene
+from errormodel.effects.shared import run_channels, switched
 from errormodel.effects.travel import fraction
 from errormodel.machine import Machine, joint_of
 
-FEW_RUNS = 4  # of which all combinations are tried
 POINTS = (5, 6, 7, 8, 9, 11, 13, 16, 21)  # numbers of points that are tried, over the whole travel
 FEWER_POINTS = (5, 9, 13, 21)  # the same of several runs, of which there are many sets
 
@@ -40,27 +39,21 @@ class CompensationActive(JointEffect):
     points: Annotated[int, Field(ge=3)]
     run: str | tuple[str, ...] | None = None
 
-    @property
-    def runs(self) -> tuple[str, ...]:
-        """Channels of the runs in which it acts; none where it acts in all rows."""
-        own = (self.run,) if isinstance(self.run, str) else self.run or ()
-        return tuple(f"run({name})" for name in own)
-
     def cost(self, scene: Scene) -> float:
         return 5.0  # log prior odds against it: many linear pieces approximate any smooth curve
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return (self.joint, *self.runs)
+        return (self.joint, *run_channels(self.run))
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_of(machine, self.joint)
         unit, size = ("mm", 0.01) if joint.type == "prismatic" else ("rad", 3e-5)
         u = fraction(joint, channel(self.joint)) * (self.points - 1)
-        if not self.runs:
+        if self.run is None:
             tents = {str(k): fmax(1 - absolute(u - k), 0) for k in range(1, self.points - 1)}
         else:
-            here = sum(map(channel, self.runs))
+            here = sum(map(channel, run_channels(self.run)))
             tents = {str(k): here * fmax(1 - absolute(u - k), 0) for k in range(self.points)}
         return [EffectTerm(self.joint, label, unit, along(joint, tent), size) for label, tent in tents.items()]
 
@@ -71,19 +64,8 @@ class CompensationActive(JointEffect):
             for points in POINTS:
                 if 20 * points <= len(scene.columns[joint.name]):
                     yield cls(joint=joint.name, points=points)
-            for runs in _switched(scene.runs):
-                rows, names = sum(np.count_nonzero(scene.columns[run]) for run in runs), tuple(r[4:-1] for r in runs)
-                for points in POINTS if len(names) == 1 else FEWER_POINTS:
+            for run in switched(scene):
+                rows = sum(np.count_nonzero(scene.columns[name]) for name in run_channels(run))
+                for points in POINTS if isinstance(run, str) else FEWER_POINTS:
                     if 4 * points <= rows:
-                        yield cls(joint=joint.name, points=points, run=names[0] if len(names) == 1 else names)
-
-
-def _switched(runs: Sequence[str]) -> Iterator[tuple[str, ...]]:
-    """Runs in which a table may act and in the others not: any of few; of many single ones, and from one to another."""
-    if len(runs) <= FEW_RUNS:
-        for count in range(1, len(runs)):
-            yield from combinations(runs, count)
-        return
-    for first, end in combinations(range(len(runs) + 1), 2):
-        if end - first < len(runs):
-            yield tuple(runs[first:end])
+                        yield cls(joint=joint.name, points=points, run=run)

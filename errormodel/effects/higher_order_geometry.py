@@ -122,9 +122,10 @@ class HigherOrderGeometry(JointEffect):
             yield cls(joint=joint.name, motion=motion, degrees=(0,))
             n = declared(joint, motion) + 1
             sets = [(n,), (n + 1,), (n, n + 1)] + ([(n, n + 1, n + 2)] if joint.type == "prismatic" else [])
-            bent = joint.type == "prismatic" and motion in across(joint, "d")
-            for degrees, slope in product(sets, (False, True)[: 1 + bent]):
-                yield cls(joint=joint.name, motion=motion, degrees=degrees, slope=slope)
+            yield from (cls(joint=joint.name, motion=motion, degrees=degrees) for degrees in sets)
+            if joint.type == "prismatic" and motion in across(joint, "d"):
+                bent = [*sets, (n, n + 1, n + 2, n + 3)]
+                yield from (cls(joint=joint.name, motion=motion, degrees=degrees, slope=True) for degrees in bent)
         for joint in scene.moving:
             rows, span = len(scene.columns[joint.name]), float(np.ptp(scene.span(joint)))
             for every in FINE_SPACINGS_RAD if joint.type == "rotary" else (length(joint) / n for n in FINE_PIECES):

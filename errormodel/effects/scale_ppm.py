@@ -12,12 +12,12 @@ from errormodel.channels import POINT_CHANNELS
 from errormodel.conventions import FRAME, TRANSLATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import warmth
+from errormodel.effects.shared import run_channels, switched, warmth
 from errormodel.machine import Machine, Vector
 
 
 class ScalePpm(Effect):
-    """Relative error of all lengths (1), or of those of one `run`; with a `sensor` per K over 20 degC (1/K).
+    """Relative error of all lengths (1), or of those of a `run`, or several; with a `sensor` per K over 20 degC (1/K).
 
     Lengths are those from the `station`: about another point a scale that changes would leave a shift.
     """
@@ -31,7 +31,7 @@ class ScalePpm(Effect):
 
     station: Vector = (0.0, 0.0, 0.0)  # mm, in the reference's axes
     sensor: str | None = None  # temperature of the air
-    run: str | None = None
+    run: str | tuple[str, ...] | None = None
 
     @property
     def where(self) -> str:
@@ -39,7 +39,7 @@ class ScalePpm(Effect):
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return (*POINT_CHANNELS, *filter(None, (self.sensor, self.run and f"run({self.run})")))
+        return (*POINT_CHANNELS, *filter(None, (self.sensor,)), *run_channels(self.run))
 
     def cost(self, scene: Scene) -> float:
         """Natural logarithm of the prior odds against it: instruments correct for the weather, unlike machines."""
@@ -47,7 +47,7 @@ class ScalePpm(Effect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         factor = warmth(channel, self.sensor) if self.sensor else 1.0
-        factor = factor * channel(f"run({self.run})") if self.run else factor
+        factor = factor * sum(map(channel, run_channels(self.run))) if self.run else factor
         lengths = (channel(p) - s for p, s in zip(POINT_CHANNELS, self.station, strict=True))
         motion = {name: factor * length for name, length in zip(TRANSLATIONS, lengths, strict=True)}
         return [EffectTerm(FRAME, "", "1/K" if self.sensor else "1", motion, 1e-6 if self.sensor else 5e-6)]
@@ -57,4 +57,4 @@ class ScalePpm(Effect):
         yield cls()  # about the station it is the same: the measuring frame takes the shift
         for station in scene.stations:
             yield from (cls(station=station, sensor=sensor) for sensor in scene.sensors)
-            yield from (cls(station=station, run=name[4:-1]) for name in scene.runs)
+            yield from (cls(station=station, run=run) for run in switched(scene))

@@ -6,7 +6,7 @@ Units: mm, rad, s, degC.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import Annotated, Literal
 
 import numpy as np
@@ -31,6 +31,7 @@ MOST_FREQUENCIES = 4000  # most frequencies of one grid: more exceed time and me
 SLOWEST = 1.6  # longest time constant tried, in lengths of the recording: slower shows no settling; by judgement
 SHIFT_MOMENTS = 40  # candidate times of a change that are evenly spaced among the rows; by judgement
 LONGEST_BREAKS = 10  # candidate times in the longest pauses between rows, where runs are separated; by judgement
+FEW_RUNS = 4  # of which all combinations are tried
 POSITIONS_PER_PERIOD = 3  # fewest positions per period from which its size and phase can be estimated
 
 
@@ -115,6 +116,22 @@ def moments(scene: Scene, clock: str = "time") -> Iterator[float]:
     spread = np.linspace(0, len(gaps) - 1, SHIFT_MOMENTS + 2)[1:-1].astype(int)
     for k in np.union1d(spread, np.argsort(gaps)[-LONGEST_BREAKS:]):
         yield round(float(time[k] + time[k + 1]) / 2, 3)
+
+
+def run_channels(run: str | tuple[str, ...] | None) -> tuple[str, ...]:
+    """Channels of one or several runs by their labels; their sum is 1 in these runs."""
+    own = (run,) if isinstance(run, str) else run or ()
+    return tuple(f"run({name})" for name in own)
+
+
+def switched(scene: Scene) -> Iterator[str | tuple[str, ...]]:
+    """Labels of runs in which something may act, and in the others not: of few any, of many from one to another."""
+    names = [name[4:-1] for name in scene.runs]
+    if len(names) <= FEW_RUNS:
+        sets = [own for count in range(1, len(names)) for own in combinations(names, count)]
+    else:
+        sets = [tuple(names[a:b]) for a, b in combinations(range(len(names) + 1), 2) if b - a < len(names)]
+    yield from (own[0] if len(own) == 1 else own for own in sets)
 
 
 def lags(scene: Scene) -> list[float]:

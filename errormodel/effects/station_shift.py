@@ -13,7 +13,7 @@ from pydantic import model_validator
 from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS, unit_of
 from errormodel.effects.base import MOMENT, Channels, Effect, EffectTerm, ShapeParameter
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import moments, since
+from errormodel.effects.shared import moments, run_channels, since, switched
 from errormodel.machine import Machine
 
 # log odds against a step in the order of the rows. By judgement, from recordings: what drifts or was measured in blocks
@@ -22,7 +22,7 @@ STANDS_OUT = 25.0
 
 
 class StationShift(Effect):
-    """Six motions of the measuring frame (mm, rad) from the time `at` on, within one second; or those of one `run`.
+    """Six motions of the measuring frame (mm, rad) from the time `at` on, within one second; or in a `run`, or several.
 
     Without a clock, those from a `row` of the file on: rows stand in the order in which they were measured.
 
@@ -41,7 +41,7 @@ class StationShift(Effect):
 
     at: Annotated[float | None, MOMENT] = None  # s
     row: Annotated[float | None, ShapeParameter("1", place=True, sudden=True, said=False)] = None  # counted from 1
-    run: str | None = None
+    run: str | tuple[str, ...] | None = None
     turned: bool = True
 
     @model_validator(mode="after")
@@ -56,7 +56,7 @@ class StationShift(Effect):
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return (f"run({self.run})",) if self.run is not None else ("time",) if self.row is None else ("row",)
+        return run_channels(self.run) or (("time",) if self.row is None else ("row",))
 
     def cost(self, scene: Scene) -> float:
         """Natural logarithm of the prior odds against it: in the order of its rows a recording drifts too."""
@@ -64,7 +64,7 @@ class StationShift(Effect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         if self.run is not None:
-            after = channel(f"run({self.run})")
+            after = sum(map(channel, run_channels(self.run)))
         else:
             after = since(channel, self.at) if self.at is not None else since(channel, self.row or 0.0, "row")
         sizes = {m: 0.02 if m in TRANSLATIONS else 2e-5 for m in (MOTIONS if self.turned else TRANSLATIONS)}
@@ -72,7 +72,8 @@ class StationShift(Effect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        yield from (cls(run=name[4:-1], turned=turned) for name in scene.runs for turned in (True, False))
+        for run in switched(scene):
+            yield from (cls(run=run, turned=turned) for turned in (True, False))
         for at in moments(scene):
             yield from (cls(at=at, turned=turned) for turned in (True, False))
         for row in () if scene.runs else moments(scene, "row"):  # the labels of runs are a clock

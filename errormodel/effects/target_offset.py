@@ -12,7 +12,7 @@ from errormodel.conventions import TOOL, TRANSLATIONS
 from errormodel.effects.base import MOMENT, Channels, Effect, EffectTerm
 from errormodel.effects.ops import Value, absolute, fmax, fmin
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import moments, since
+from errormodel.effects.shared import moments, run_channels, since, switched
 from errormodel.machine import Machine, Vector
 
 TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")  # columns of the functional point, as in `errormodel.surveys.columns`
@@ -23,7 +23,7 @@ MOST_TOOLS = 12  # most different tools; more are positions of a probe and not a
 class TargetOffset(Effect):
     """Constant shift (mm) of the functional point in the last frame, in the rows of one `tool` or in all rows.
 
-    Of a target that was put on anew, or another one, in the rows from the time `at` on, or of one `run`.
+    Of a target that was put on anew, or another one, in the rows from the time `at` on, or of one `run`, or several.
     """
 
     effect: ClassVar[str] = "target-offset"
@@ -35,7 +35,7 @@ class TargetOffset(Effect):
 
     tool: Vector | None = None  # mm
     at: Annotated[float | None, MOMENT] = None  # s
-    run: str | None = None
+    run: str | tuple[str, ...] | None = None
 
     @model_validator(mode="after")
     def _one_of_them(self) -> Self:
@@ -53,14 +53,14 @@ class TargetOffset(Effect):
     def drivers(self) -> tuple[str, ...]:
         if self.at is not None:
             return ("time",)
-        return (f"run({self.run})",) if self.run is not None else TOOL_COLUMNS if self.tool else ()
+        return run_channels(self.run) or (TOOL_COLUMNS if self.tool else ())
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         here: Value = 1.0
         if self.at is not None:
             here = since(channel, self.at)
         elif self.run is not None:
-            here = channel(f"run({self.run})")
+            here = sum(map(channel, run_channels(self.run)))
         elif self.tool is not None:
             apart = sum(absolute(channel(c) - v) for c, v in zip(TOOL_COLUMNS, self.tool, strict=True))
             here = fmin(fmax(2 - apart / SAME_TOOL_MM, 0), 1)
@@ -76,5 +76,5 @@ class TargetOffset(Effect):
                 for tool in tools.tolist():
                     yield cls(tool=tuple(tool))
         if scene.moving and scene.moving[-1].type == "rotary":  # else it is a shift of what carries the tool
-            yield from (cls(run=name[4:-1]) for name in scene.runs)
+            yield from (cls(run=run) for run in switched(scene))
             yield from (cls(at=at) for at in moments(scene))

@@ -44,6 +44,11 @@ FREE_REFERENCE = (
     "readings alone do not show where the machine stands: positions and errors are relative to the reference that its "
     "own errors fit best over the travels, and a shift or rotation of all of it is not in their uncertainty"
 )
+MISFIT = (
+    "the residuals of the fit are {:.3g} times as large as the declared uncertainty: what its model lacks is in these "
+    "predictions, and in their uncertainty only as if it were noise. `errormodel diagnose` looks for it"
+)
+LEAST_MISFIT = 1.14  # of an uncertainty, which is seldom known better; by judgement
 # Standard deviation of an unidentified parameter by unit, where no identified one gives a scale; by judgement
 PLAUSIBLE_SIZES = {"mm": 0.02, "rad": 5e-5, "1": 5e-5, "rad/mm": 5e-8}
 MISTAKE = (
@@ -141,9 +146,15 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     late = started_anew(fit.chain, fit.data.get("temperatures", {}), points.table)
     ended = as_in_last_run(fit.chain, fit.data.get("runs", ()), points.table)
     idle, moving = rested(fit.chain, points.table), on_the_fly(fit.chain, points.table)
+    misfit = (MISFIT.format(ratio),) if (ratio := _misfit(fit)) > LEAST_MISFIT else ()
     mistakes = (MISTAKE.format(text=text) for text in mended_words(fit.chain.machine))
     changes = (*late, *ended, *idle, *moving, *from_other_sides(fit.chain, fit.data.get("only_sides", {}), points))
-    return (*mistakes, *own, *_unfitted(fit, points), *free, *beyond, *changes, *_arrivals(fit, points))
+    return (*misfit, *mistakes, *own, *_unfitted(fit, points), *free, *beyond, *changes, *_arrivals(fit, points))
+
+
+def _misfit(fit: StoredFit) -> float:
+    """Times the declared uncertainty that the residuals of the fit are, where chi-squared rejects it; else 1."""
+    return float(fit.data.get("inflation", 1.0)) if fit.data.get("sigma_from") == "declared" else 1.0
 
 
 def _arrivals(fit: StoredFit, points: Survey) -> Iterator[str]:

@@ -206,3 +206,15 @@ def test_points_from_a_side_that_was_not_measured_are_said(tmp_path: Path) -> No
         said[name] = done("predict", tmp_path / name, tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
     assert "29 points by X (dir_X -1) are reached from the side from which no row was measured" in said["one"]
     assert "from which no row" not in said["both"]
+
+
+def test_a_fit_that_leaves_more_than_the_declared_noise(mill: Path, tmp_path: Path) -> None:
+    """What the model lacks is in no uncertainty: said where the residuals contradict what was declared."""
+    seen = pd.read_csv(mill / "s.csv")
+    points = seen.iloc[:3].drop(columns=XYZ)
+    points.to_csv(tmp_path / "p.csv", index=False)
+    for sigma, said in ((0.0003, True), (0.002, False)):
+        seen.assign(sigma=sigma).to_csv(tmp_path / "s.csv", index=False)
+        done("fit", MILL, tmp_path / "s.csv", "--out", tmp_path / "fit")
+        note = done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
+        assert ("times as large as the declared uncertainty: what its model lacks" in note) == said

@@ -156,10 +156,10 @@ def add_best(model: EffectModel, likely: Likely, log: DecisionLog = UNRECORDED) 
     if _is_finding(model, best, explained, log):
         return _added(model, [best], log)
     # below the acceptance level: try the following proposals as refinements
-    below = next((s for s in steps if s.evidence > LEAST_EVIDENCE and refined(model, s) is not None), None)
-    if below is None:
-        return None
-    return _with_refinement(model, steps, below, (refined(model, below), "refinement-below-detection"), log)
+    for below in (s for s in steps if s.evidence > LEAST_EVIDENCE):
+        if (own := refined(model, below)) is not None:
+            return _with_refinement(model, steps, below, (own, "refinement-below-detection"), log)
+    return None
 
 
 def _with_refinement(
