@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from errormodel.effects.travel import legendre, legendre_slope
 from errormodel.exceptions import InputError
@@ -13,7 +14,8 @@ from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import read_machine
 from errormodel.survey import Survey
 from identification.diagnosis.pipeline import diagnose
-from tests.helpers.diagnosed import empty_survey, showing
+from identification.observation.pose import Pose
+from tests.helpers.diagnosed import FRAME, empty_survey, showing
 from tests.helpers.findings import made
 
 
@@ -57,6 +59,34 @@ def test_a_table_that_is_on_in_some_runs(machine: Machine, survey: Survey) -> No
     (finding,) = diagnose(machine, showing(survey, machine, [(spec, values)], 0.003)).diagnosis.findings
     assert (finding.effect, finding.where) == ("compensation-active", "X")
     assert finding.runs == ["2", "3"]
+
+
+def test_an_instrument_whose_scale_changed(machine: Machine, survey: Survey) -> None:
+    station = Pose(Rotation.from_rotvec(FRAME[1]).as_matrix(), np.array(FRAME[0])).invert(np.zeros((1, 3)))[0]
+    spec = EffectSpec("scale-ppm", {"run": ("3", "4"), "station": station.tolist()})
+    (finding,) = diagnose(machine, showing(survey, machine, [(spec, [2e-5])], 0.003)).diagnosis.findings
+    assert (finding.effect, finding.runs) == ("scale-ppm", ["3", "4"])
+
+
+@pytest.mark.parametrize(("word", "place"), [("station-shift", "frame"), ("target-offset", "tool")])
+def test_runs_without_a_clock(word: str, place: str) -> None:
+    """What was knocked before the third run, and nothing tells the time: it acts in the third and the fourth."""
+    machine = read_machine("fork_head_five_axis" if word == "target-offset" else "vertical_three_axis")
+    survey = empty_survey(machine, 320, 5, channels=False, grid=False)
+    survey = replace(survey, table=survey.table.assign(run=np.repeat(list("1234"), 80)))
+    shown = showing(survey, machine, [(EffectSpec(word, {"run": ("3", "4")}), [0.02, -0.015, 0.01])], 0.003)
+    (finding,) = diagnose(machine, shown).diagnosis.findings
+    assert (finding.effect, finding.where) == (word, place)
+    assert finding.runs in (["3", "4"], ["1", "2"])  # of which one is the reference
+
+
+def test_a_table_whose_bearing_face_is_not_flat() -> None:
+    machine = read_machine("five_axis_table_quill")
+    survey = empty_survey(machine, 300, 5, channels=False, grid=False)
+    spec = EffectSpec("wobble", {"joint": "B", "harmonic": 2, "axial": True})
+    values = [2e-5, -1e-5, 1.5e-5, 1e-5, 0.006, -0.004]
+    (finding,) = diagnose(machine, showing(survey, machine, [(spec, values)], 0.003)).diagnosis.findings
+    assert (finding.effect, finding.where, set(finding.motion)) == ("wobble", "B", {"ea", "ec", "dy"})
 
 
 @pytest.mark.parametrize("degree", range(1, 9))
