@@ -67,6 +67,12 @@ def shuffled(table: pd.DataFrame) -> pd.DataFrame:
     return table.assign(**table[XYZ].sample(frac=1, random_state=0).reset_index(drop=True))
 
 
+def swapped_in_most(table: pd.DataFrame) -> pd.DataFrame:
+    table["run"] = np.repeat(["1", "2"], [30, len(table) - 30])
+    table.loc[30:, ["X", "Y"]] = table.loc[30:, ["Y", "X"]].to_numpy()
+    return table
+
+
 WRONG: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], tuple[str, ...]]] = {
     "sign": (lambda t: t.assign(X=-t["X"]), ("the sign of column X is wrong", "misses by", "Correct the table")),
     "unit": (lambda t: t.assign(Z=t["Z"] / 25.4), ("column Z is in another unit", "multiplied by 25.4")),
@@ -78,6 +84,7 @@ WRONG: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], tuple[str, ...]]]
     "instrument stopped": (stopped, ("10 of 120 rows repeat", "rows 22, 23", "take the copies out")),
     "one row for all": (lambda t: t.loc[[7] * 60], ("59 of 60 rows repeat",)),
     "a stopped record": (lambda t: t.assign(Z=200.0), ("columns Z: the same in all rows", "the record had stopped")),
+    "most rows swapped": (swapped_in_most, ("run 1 that fit their commands", "run 2 that do not", "swapped")),
     "another order": (shuffled, ("nothing to do with the commands", "serial chains", "delta")),
 }
 

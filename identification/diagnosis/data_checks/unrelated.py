@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.effects.axis_blunder import AxisBlunder
 from errormodel.exceptions import InputError
@@ -16,7 +16,15 @@ from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED
 from identification.diagnosis.data_checks.blunder import Points, Sheet, groups, sheet
-from identification.diagnosis.data_checks.columns import BETTER, TWO, Changes, mended, outside_travels, single_changes
+from identification.diagnosis.data_checks.columns import (
+    BETTER,
+    TWO,
+    Changes,
+    mended,
+    outside_travels,
+    single_changes,
+    wrong_column,
+)
 from identification.diagnosis.data_checks.rows import FEWEST
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.estimation.result import Fit
@@ -109,7 +117,31 @@ def refuse_unrelated(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED
                 f"rows in any order would leave {shuffled:.0f} mm"
             )
             cure = f"{OWN_COMMAND}, and that this is the machine. {ONLY_SERIAL}"
+            what, cure = _in_some_runs(chain, survey, rows) or (what, cure)
         raise InputError(f"{survey.table['file'].iloc[rows[0]]}, columns {' '.join(MEASURED)}", what, cure)
+
+
+def _in_some_runs(chain: Chain, survey: Survey, rows: Index) -> tuple[str, str] | None:
+    """What is wrong, and the cure, where the points of some runs fit their commands and those of others do not."""
+    table = survey.table.iloc[rows].reset_index(drop=True)
+    misfits = {}
+    for run, own in table.groupby(table["run"].astype(str), sort=False):
+        points = Points.of(chain, sheet(chain, own), survey.frame == "fixed")
+        points = points.part(np.flatnonzero(np.isfinite(points.measured).all(axis=1)))
+        if len(points) >= FEWEST:
+            misfits[str(run)] = points.misfit()
+    good = [run for run, misfit in misfits.items() if misfit < TWO * chain.size]
+    bad = [run for run in misfits if run not in good]
+    if not good or not bad:
+        return None
+    of_these = table[table["run"].astype(str).isin(bad)].reset_index(drop=True)
+    mistake = wrong_column(chain, replace(survey, table=of_these))
+    what = (
+        f"points of run {', '.join(good)} that fit their commands, and of run {', '.join(bad)} that do not, by up to "
+        f"{max(misfits[run] for run in bad):.0f} mm"
+    )
+    said = f"{what}: there {mistake.text}" if mistake else what
+    return said, f"Put the columns of run {', '.join(bad)} right, or leave these rows out"
 
 
 def _one_place(chain: Chain, columns: Sheet, points: Points) -> tuple[str, str]:
