@@ -16,15 +16,17 @@ if TYPE_CHECKING:
     import pandas as pd
 
 RANGE_MARGIN_SHARE = 0.1  # extrapolation beyond the measured range, as a share of it, that gets no note; by judgement
+IDLE_KELVIN = 1.0  # of a temperature that nothing depends on, beyond which a machine moves by more than noise
 FULL_TURN_DEG = 324.0  # range of a rotary joint, 90 % of a turn, from which nothing counts as outside; by judgement
 # Prefixes of channels that have no range, or whose unidentified share is in the uncertainty of `predict`
 _UNRANGED_PREFIXES = ("dir_", "run(", "point_", "tool_")
 
 
 def covered(chain: Chain, table: pd.DataFrame) -> dict[str, list[float]]:
-    """Lowest and highest value of each joint and channel of the model, in the units of files (mm, deg, s, degC)."""
+    """Lowest and highest value of each joint, channel of the model and temperature: mm, deg, s, degC as in files."""
     table = outward(table, chain.machine)
-    names = dict.fromkeys((*(j.name for j in chain.machine.joints), *map(root, chain.channels)))
+    warm = (str(c) for c in table.columns if str(c).startswith("T_"))
+    names = dict.fromkeys((*(j.name for j in chain.machine.joints), *map(root, chain.channels), *warm))
     out = {}
     for name in names:
         if name == "row" or name.startswith(_UNRANGED_PREFIXES) or name not in table:
@@ -47,12 +49,14 @@ def beyond_notes(chain: Chain, ranges: Mapping[str, list[float]], table: pd.Data
     """
     table = outward(table, chain.machine)
     kinds = {j.name: j.type for j in chain.machine.joints}
+    acting = {*kinds, *map(root, chain.channels)}
     for name, (low, high) in ranges.items():
         if name not in table or (kinds.get(name) == "rotary" and high - low >= FULL_TURN_DEG):
             continue
         values = table[name].to_numpy(dtype=np.float64)
         beyond = np.fmax(low - values, values - high)
-        outside = beyond > RANGE_MARGIN_SHARE * (high - low) + 1e-9 * max(abs(low), abs(high))
+        margin = 1e-9 * max(abs(low), abs(high)) if name in acting else IDLE_KELVIN
+        outside = beyond > RANGE_MARGIN_SHARE * (high - low) + margin
         if not outside.any():
             continue
         at = int(np.nanargmax(np.where(outside, beyond, np.nan)))
@@ -61,12 +65,14 @@ def beyond_notes(chain: Chain, ranges: Mapping[str, list[float]], table: pd.Data
         count = f"{outside.sum()} point{'s lie' if outside.sum() > 1 else ' lies'}"
         yield (
             f"{count} beyond what was measured of {name}, {low:.6g} to {high:.6g}{unit}; the farthest at "
-            f"{values[at]:.6g}{unit} ({row['file']}, row {row['row']}). There {_there(chain, name)}"
+            f"{values[at]:.6g}{unit} ({row['file']}, row {row['row']}). There {_there(chain, name, name in acting)}"
         )
 
 
-def _there(chain: Chain, name: str) -> str:
+def _there(chain: Chain, name: str, acts: bool) -> str:
     """What the model does beyond what was measured of a channel: what has no name does not go on."""
+    if not acts:
+        return "nothing in the model depends on it, and what it does to the machine was not seen"
     machine = chain.machine
     effects = [make(spec) for spec in machine.effects]
     own = [e for e in effects if name in {root(c) for c, *_ in e.within}]

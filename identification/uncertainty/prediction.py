@@ -25,6 +25,7 @@ from identification.uncertainty.one_side import from_other_sides
 from identification.uncertainty.read_on_the_fly import on_the_fly, perhaps_at_rest
 from identification.uncertainty.reading_prediction import predicted_readings, rigid_parts
 from identification.uncertainty.recording_end import (
+    after_gaps,
     after_last_row,
     as_in_last_run,
     continued,
@@ -47,6 +48,10 @@ FREE_REFERENCE = (
 MISFIT = (
     "the residuals of the fit are {:.3g} times as large as the declared uncertainty: what its model lacks is in these "
     "predictions, and in their uncertainty only as if it were noise. `errormodel diagnose` looks for it"
+)
+LEFT = (
+    "the diagnosis left {:.2g} um of a coordinate that is no noise and that nothing explains. The uncertainty has it "
+    "as it was in the recording: later, warmer or elsewhere it may be much larger"
 )
 LEAST_MISFIT = 1.14  # of an uncertainty, which is seldom known better; by judgement
 # Standard deviation of an unidentified parameter by unit, where no identified one gives a scale; by judgement
@@ -143,13 +148,15 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     beyond = beyond_notes(fit.chain, fit.data.get("covered", {}), points.table)
     free = (FREE_REFERENCE,) if fit.free_reference else ()
     own = (*fit.unlisted, *rotation_notes(fit.frames))
-    late = started_anew(fit.chain, fit.data.get("temperatures", {}), points.table)
+    temperatures = fit.data.get("temperatures", {})
+    late = (*started_anew(fit.chain, temperatures, points.table), *after_gaps(fit.chain, temperatures, points.table))
     ended = as_in_last_run(fit.chain, fit.data.get("runs", ()), points.table)
     idle, moving = rested(fit.chain, points.table), on_the_fly(fit.chain, points.table)
     misfit = (MISFIT.format(ratio),) if (ratio := _misfit(fit)) > LEAST_MISFIT else ()
+    left = (LEFT.format(1e3 * fit.systematic),) if fit.systematic else ()
     mistakes = (MISTAKE.format(text=text) for text in mended_words(fit.chain.machine))
     changes = (*late, *ended, *idle, *moving, *from_other_sides(fit.chain, fit.data.get("only_sides", {}), points))
-    return (*misfit, *mistakes, *own, *_unfitted(fit, points), *free, *beyond, *changes, *_arrivals(fit, points))
+    return (*misfit, *left, *mistakes, *own, *_unfitted(fit, points), *free, *beyond, *changes, *_arrivals(fit, points))
 
 
 def _misfit(fit: StoredFit) -> float:

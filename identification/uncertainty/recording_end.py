@@ -89,6 +89,22 @@ def started_anew(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> Itera
         )
 
 
+def after_gaps(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> Iterator[str]:
+    """Notes on temperatures that act late, and that nothing tells of for longer than they do before the first row."""
+    said = set[str]()
+    for _, name, base in _lags(chain):
+        if base in said or _on_one_clock(recorded.get(base), table, base) is None:
+            continue
+        gap, tau = channel(table, "time").min() - max(recorded[base][0]), float(name.rpartition(",")[2].rstrip(")"))
+        if gap > tau:
+            said.add(base)
+            yield (
+                f"{base} acts {tau / 60:.3g} min late, and what it was in the {gap / 3600:.2g} h between the recording "
+                "and the first row is not known: it is taken to have changed evenly, which is not in the uncertainty. "
+                "Add rows with its temperatures in between"
+            )
+
+
 def runs_of(chain: Chain, table: pd.DataFrame) -> list[str]:
     """Labels of a recording's runs, that of its last row last; none where no channel of the model is a run's."""
     if "run" not in table or not any(map(_run_of, chain.channels)):

@@ -218,3 +218,14 @@ def test_a_fit_that_leaves_more_than_the_declared_noise(mill: Path, tmp_path: Pa
         done("fit", MILL, tmp_path / "s.csv", "--out", tmp_path / "fit")
         note = done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
         assert ("times as large as the declared uncertainty: what its model lacks" in note) == said
+
+
+def test_temperatures_that_nothing_depends_on(mill: Path, tmp_path: Path) -> None:
+    """A plain model knows nothing of warmth: said where commands are warmer than what was recorded."""
+    seen = pd.read_csv(mill / "s.csv")
+    seen.assign(T_bed=20 + 0.01 * np.arange(len(seen))).to_csv(tmp_path / "s.csv", index=False)
+    done("fit", MILL, tmp_path / "s.csv", "--out", tmp_path / "fit")
+    for warm, said in ((21.2, False), (25.0, True)):
+        seen.iloc[:3].drop(columns=XYZ).assign(T_bed=warm).to_csv(tmp_path / "p.csv", index=False)
+        note = done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
+        assert ("nothing in the model depends on it" in note) == said

@@ -13,6 +13,7 @@ from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from errormodel.simulation import random_points
 from identification.uncertainty.recording_end import (
+    after_gaps,
     as_in_last_run,
     continued,
     in_last_run,
@@ -59,6 +60,16 @@ def test_commands_within_the_recording(chain: Chain) -> None:
     went_on = continued(chain, recorded, some, chain.columns(some))
     np.testing.assert_allclose(went_on[number], chain.columns(table)[number][20::7], rtol=1e-9)
     assert not list(started_anew(chain, recorded, some))
+
+
+def test_a_gap_that_is_longer_than_the_lag_is_said(chain: Chain) -> None:
+    table = warming(chain)
+    first, later = table.iloc[:50], table.iloc[50:].reset_index(drop=True)
+    recorded = temperatures_of(chain, first)
+    assert not list(after_gaps(chain, recorded, later))
+    (note,) = after_gaps(chain, recorded, later.assign(time=later["time"] + 4 * 3600))
+    assert "T_bed acts 30 min late" in note
+    assert "h between the recording and the first row" in note
 
 
 def test_of_long_recordings_few_times_are_kept(chain: Chain) -> None:
