@@ -122,7 +122,7 @@ class Fit:
     counted: tuple[View, ...] = ()
     serial: Noise | None = None  # serial correlation of the residuals
     systematic_mm: float = 0.0  # of a coordinate: what is left and is no noise, by a diagnosis
-    others: tuple[OtherConstant, ...] = ()  # ends of intervals of time constants, by a diagnosis
+    others: tuple[OtherConstant, ...] = ()  # time constants that the recording leaves open
     streamed: Streamed | None = None  # the survey and its residuals are then those of a sample of the rows
 
     @property

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from errormodel.chain import Chain
+from errormodel.effects import make
 from errormodel.exceptions import InputError
 from errormodel.yamlfile import Number, Vector3
 from identification.results.versions import validate
@@ -151,6 +152,11 @@ def check_parameters(path: Path, data: Mapping[str, Any], chain: Chain) -> None:
         unit = units.get(p["id"]) or unit_of_parameter(p["id"], chain)
         if p["unit"] != unit:
             raise InputError(where, f"the unit '{p['unit']}', where the machine's is {unit}", "Run the fit again")
+    for other in data.get("time_constants", ()):
+        specs, number = chain.machine.effects, other["effect"]
+        if number >= len(specs) or other["name"] not in make(specs[number]).shapes():
+            found = f"a '{other['name']}' of the effect number {number + 1}, which the machine does not have"
+            raise InputError(f"{path}, key time_constants", found, "Run the diagnosis again")
     if data["fitted"]["n"] and not data["frame"] and data["frame_mode"] != "fixed":
         raise InputError(f"{path}, key frame", "no measuring frame", "Run the fit again")
 

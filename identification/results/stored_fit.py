@@ -47,7 +47,7 @@ class StoredFit:
     free_reference: bool = False  # only readings were fitted, which do not show where the machine stands
     coverage: float = 1.0  # factor on standard uncertainties of predictions, for noise from few degrees of freedom
     systematic: float = 0.0  # mm of a coordinate, in the residuals, but no noise
-    others: tuple[OtherConstant, ...] = ()  # ends of the intervals of time constants
+    others: tuple[OtherConstant, ...] = ()  # time constants that the recording leaves open
     unlisted: tuple[str, ...] = ()  # what is said of a folder whose files cannot be checked
 
     @property
@@ -122,7 +122,10 @@ def read_files(folder: Path) -> StoredFit:
             bool(data.get("readings")) and not data["frame"] and data["frame_mode"] != "fixed",
             float(data.get("coverage", 1.0)),
             1e-3 * float(data.get("systematic_um", 0.0)),
-            tuple(OtherConstant(**other) for other in data.get("time_constants", [])),
+            tuple(
+                OtherConstant(o["effect"], o["name"], float(o["value"]), float(o["weight"]), o["parameters"])
+                for o in data.get("time_constants", [])
+            ),
         )
     except OSError as error:
         raise InputError(str(path), f"it cannot be read ({error.strerror})", CURE) from error

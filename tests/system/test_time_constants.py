@@ -14,7 +14,7 @@ from errormodel.machine_file import read_machine
 from identification.diagnosis.pipeline import diagnose
 from identification.results import store
 from identification.results.predictions import predicted
-from tests.helpers.commands import XYZ
+from tests.helpers.commands import MILL, XYZ, done, run
 from tests.helpers.diagnosed import empty_survey, showing
 
 UNCERTAINTY = ["ux", "uy", "uz"]
@@ -40,3 +40,16 @@ def test_later_than_the_recording(tau: float, hours: float, known: bool, tmp_pat
     assert error["my"] > 0.02 or known  # mm: the recording does not show where it ends
     assert error["my"] < 2 * u["uy"] + 0.002
     assert u["uy"] < 0.12
+
+
+def test_a_machine_without_the_effect_is_refused(tmp_path: Path) -> None:
+    """A folder whose machine was edited: said, and no traceback."""
+    done("simulate", MILL, 60, "--noise", 0.002, "--out", tmp_path / "s.csv")
+    done("fit", MILL, tmp_path / "s.csv", "--out", tmp_path / "fit")
+    path = tmp_path / "fit/fit.json"
+    other = {"effect": 0, "name": "tau", "value": 900.0, "weight": 0.5, "parameters": {}}
+    data = json.loads(path.read_text(encoding="utf-8")) | {"time_constants": [other]}
+    path.write_text(json.dumps(data), encoding="utf-8")
+    result = run("predict", tmp_path / "fit", tmp_path / "s.csv", "--out", tmp_path / "out.csv")
+    assert result.code == 2
+    assert "key time_constants: a 'tau' of the effect number 1" in result.err

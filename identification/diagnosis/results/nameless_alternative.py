@@ -52,7 +52,7 @@ def refusal(model: EffectModel, group: Sequence[Step], functions: Sequence[Funct
     """Why a finding of a model has no name: one of the `functions` has more evidence, or leaves as much beside it."""
     main = group[0].effect
     without = model.without(group)
-    if main.flexible:  # any curve of its own joint's position has this name
+    if main.flexible:  # any curve of its motion by what drives it has this name
         own_curve = partial(_of_its_motion, without, main)
         functions = [f for f in functions if f.channels != main.drivers or not (main.random or own_curve(f))]
     if (probability := probability_of(group[0])) < EVEN:
