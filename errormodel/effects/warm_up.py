@@ -31,6 +31,9 @@ from errormodel.effects.travel import polynomials, scaled, usual_size
 from errormodel.machine import Machine
 from errormodel.machine_rests import LEAST_REST, longest_step, rests, resumed_name
 
+# log prior odds, 10 to 1, against a member that moves in all six motions: what does is usually the instrument's stand;
+# by judgement
+AS_A_WHOLE = 2.3
 UNSHOWN = 2.3  # log prior odds, 10 to 1, against a warm-up that no recorded temperature shows; by judgement
 
 
@@ -85,7 +88,8 @@ class WarmUp(Effect):
 
     def cost(self, scene: Scene) -> float:
         """Where temperatures were recorded one of them usually shows what warms."""
-        return UNSHOWN if scene.sensors else 0.0
+        whole = self.element is not None and self.motion == "all"
+        return (UNSHOWN if scene.sensors else 0.0) + (AS_A_WHOLE if whole else 0.0)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = self._warm(channel)
