@@ -128,7 +128,7 @@ def switched(scene: Scene) -> Iterator[str | tuple[str, ...]]:
     """Labels of runs in which something may act, and in the others not: of few any, of many from one to another."""
     names = [name[4:-1] for name in scene.runs]
     if len(names) <= FEW_RUNS:
-        sets = [own for count in range(1, len(names)) for own in combinations(names, count)]
+        sets = [own for count in range(1, max(len(names), 2)) for own in combinations(names, count)]
     else:
         sets = [tuple(names[a:b]) for a, b in combinations(range(len(names) + 1), 2) if b - a < len(names)]
     yield from (own[0] if len(own) == 1 else own for own in sets)

@@ -1,15 +1,15 @@
 """Spindle growth: thermal expansion of the spindle along the tool (ISO 230-3).
 
-Displacement in mm along the tool, per K.
+Displacement in mm along the tool, per K; of a head also across it, and its tilt in rad.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import ClassVar
+from typing import ClassVar, Literal
 
-from errormodel.conventions import TOOL, TRANSLATIONS, Motion
+from errormodel.conventions import MOTIONS, TOOL, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Lag, lags, outward, outward_words, thermal, warmth
@@ -19,8 +19,8 @@ from errormodel.machine import Machine, Shape
 class SpindleGrowth(Effect):
     """``growth * (temperature - 20)`` along the tool, mm/K; positive: outward.
 
-    `element` is the tool or the last member. `motion` replaces the direction of the tool, `tau` (s) is the lag behind
-    the sensor, `minus` a sensor in place of 20 degC.
+    `element` is the tool or the last member. `motion` replaces the direction of the tool, or with ``all`` a head moves
+    and tilts in each of its motions; `tau` (s) is the lag behind the sensor, `minus` a sensor in place of 20 degC.
     """
 
     effect: ClassVar[str] = "spindle-growth"
@@ -32,7 +32,7 @@ class SpindleGrowth(Effect):
 
     sensor: str
     element: str = TOOL
-    motion: Motion | None = None
+    motion: Motion | Literal["all"] | None = None
     minus: str | None = None
     tau: Lag = 0.0
 
@@ -50,6 +50,11 @@ class SpindleGrowth(Effect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = warmth(channel, self.sensor, self.minus, self.tau)
+        if self.motion == "all":
+            sizes = {
+                m: 0.005 if m in TRANSLATIONS else 5e-6 for m in (TRANSLATIONS if self.element == TOOL else MOTIONS)
+            }
+            return [EffectTerm(self.element, "", f"{unit_of(m)}/K", {m: warm}, size) for m, size in sizes.items()]
         direction: Mapping[Motion, float] = outward(machine) if self.motion is None else {self.motion: 1.0}
         motion = {name: value * warm for name, value in direction.items()}
         return [EffectTerm(self.element, "", "mm/K", motion, 0.005)]
@@ -62,5 +67,5 @@ class SpindleGrowth(Effect):
         last = scene.machine.elements[-1]
         element = last.name if isinstance(last, Shape) and not any(last.rotation) else TOOL
         sideways = [m for m in TRANSLATIONS if m not in outward(scene.machine)]  # a head grows on one side of its guide
-        for sensor, motion, tau in product(scene.sensors, (None, *sideways), lags(scene)):
-            yield cls(sensor=sensor, element=element, motion=motion, tau=tau)
+        for sensor, motion, tau in product(scene.sensors, (None, *sideways, "all"), lags(scene)):
+            yield cls.model_validate({"sensor": sensor, "element": element, "motion": motion, "tau": tau})

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 # time in which the fastest joint would cross its travel, s: on the fly none takes an hour, and none a tenth of a second
 _CREEPS, _FLIES = 3600.0, 0.1
-_SELDOM = 20  # rows for each time that a clock was set back: rows in another order go back more often
+_SELDOM, _ROWS = 2, 20  # times that a clock is set back, in as many rows at least: readings late in a log are more
 
 
 def clock_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
@@ -29,10 +29,10 @@ def clock_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
             "column time: times fall from row to row, so that the rows are taken as measured from the last to the "
             "first. If this is the time that was left, write the time since the start"
         )
-    elif 0 < (back := (steps < 0).to_numpy()).sum() <= len(table) / _SELDOM:
+    elif 0 < (back := (steps < 0).to_numpy()).sum() <= _SELDOM and len(table) >= _ROWS:
         first = int(np.flatnonzero(back)[0])
         number = table["row"].iloc[first] if "row" in table else first + 1
-        more = f", and {back.sum() - 1} times more" if back.sum() > 1 else ""
+        more = ", and once more" if back.sum() > 1 else ""
         yield (
             f"column time: before row {number} the time goes back by {-steps.iloc[first]:.4g} s{more}; rows are taken "
             "in the order of their times. If the clock was set back, give the rows behind a run of their own, or add "

@@ -62,10 +62,7 @@ def test_a_spindle_that_also_moves_aside_is_one_finding() -> None:
     result = diagnose(machine, showing(survey, machine, shown, 0.003))
     (finding,) = result.diagnosis.findings
     assert finding.effect == "spindle-growth"
-    assert [(s.effect.effect, getattr(s.effect, "motion", "")) for s in result.model.steps] == [
-        ("spindle-growth", None),
-        ("spindle-growth", "dx"),
-    ]
+    assert {"dx", "dz"} <= {*finding.motion}
 
 
 def test_a_refinement_that_is_what_the_finding_should_be_called() -> None:

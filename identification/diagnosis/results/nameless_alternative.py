@@ -51,13 +51,13 @@ def checked_alternative(
 def refusal(model: EffectModel, group: Sequence[Step], functions: Sequence[Functions], log: DecisionLog) -> str | None:
     """Why a finding of a model has no name: one of the `functions` has more evidence, or leaves as much beside it."""
     main = group[0].effect
+    if (probability := probability_of(group[0])) < EVEN:
+        log.add("unlikely-name", "refused", main, probability, EVEN)
+        return "other explanations together are likelier"
     without = model.without(group)
     if main.flexible:  # any curve of its motion by what drives it has this name
         own_curve = partial(_of_its_motion, without, main)
         functions = [f for f in functions if f.channels != main.drivers or not (main.random or own_curve(f))]
-    if (probability := probability_of(group[0])) < EVEN:
-        log.add("unlikely-name", "refused", main, probability, EVEN)
-        return "other explanations together are likelier"
     effects = [s.effect for s in group if _one_name(main, s.effect)]
     evidence, form = _of_any_size(without, effects)
     own = max(without.square - form.square, 1e-300)
