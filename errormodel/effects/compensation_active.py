@@ -14,7 +14,7 @@ from pydantic import Field
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.ops import absolute, fmax
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import run_channels, switched
+from errormodel.effects.shared import in_runs, run_channels, switched
 from errormodel.effects.travel import fraction
 from errormodel.machine import Machine, joint_of
 
@@ -53,7 +53,7 @@ class CompensationActive(JointEffect):
         if self.run is None:
             tents = {str(k): fmax(1 - absolute(u - k), 0) for k in range(1, self.points - 1)}
         else:
-            here = sum(map(channel, run_channels(self.run)))
+            here = in_runs(channel, self.run)
             tents = {str(k): here * fmax(1 - absolute(u - k), 0) for k in range(self.points)}
         return [EffectTerm(self.joint, label, unit, along(joint, tent), size) for label, tent in tents.items()]
 

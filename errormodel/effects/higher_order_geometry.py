@@ -85,25 +85,25 @@ class HigherOrderGeometry(JointEffect):
         return () if self.degrees == (0,) else (self.joint,)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        joint, q = joint_of(machine, self.joint), channel(self.joint)
+        joint = joint_as(machine, self.joint, "prismatic", self.effect) if self.slope else joint_of(machine, self.joint)
+        q = channel(self.joint)
         unit, size = unit_of(self.motion), self.size or usual_size(self.motion)
         if self.every:
             splines = curve(joint, q, self.every)
             return [EffectTerm(self.joint, str(k), unit, {self.motion: s}, size) for k, s in enumerate(splines)]
-        shapes, slopes = {}, {}
+        shapes = dict[str, Value]()
         for n in self.degrees or (declared(joint, self.motion) + 1,):
             if n == 0:
                 shapes["0"] = 0 * q + 1
                 size = CONSTANT_SIZE_RATIO * size
             elif joint.type == "prismatic":
                 shapes[str(n)] = legendre(n, scaled(joint, q))
-                slopes[str(n)] = 2 / length(joint) * legendre_slope(n, scaled(joint, q))
             else:
                 shapes |= {f"{name}{n}": wave for name, wave in waves(q, n).items()}
         moved = {label: {self.motion: value} for label, value in shapes.items()}
         if self.slope:
-            bent = joint_as(machine, self.joint, "prismatic", self.effect)
-            moved = {label: bending(bent, self.motion, shapes[label], slope) for label, slope in slopes.items()}
+            rates = {label: 2 / length(joint) * legendre_slope(int(label), scaled(joint, q)) for label in shapes}
+            moved = {label: bending(joint, self.motion, shapes[label], rate) for label, rate in rates.items()}
         return [EffectTerm(self.joint, label, unit, motion, size) for label, motion in moved.items()]
 
     @property

@@ -12,7 +12,7 @@ from errormodel.channels import POINT_CHANNELS
 from errormodel.conventions import FRAME, TRANSLATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import run_channels, switched, warmth
+from errormodel.effects.shared import in_runs, run_channels, switched, warmth
 from errormodel.machine import Machine, Vector
 
 
@@ -47,7 +47,7 @@ class ScalePpm(Effect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         factor = warmth(channel, self.sensor) if self.sensor else 1.0
-        factor = factor * sum(map(channel, run_channels(self.run))) if self.run else factor
+        factor = factor * in_runs(channel, self.run) if self.run else factor
         lengths = (channel(p) - s for p, s in zip(POINT_CHANNELS, self.station, strict=True))
         motion = {name: factor * length for name, length in zip(TRANSLATIONS, lengths, strict=True)}
         return [EffectTerm(FRAME, "", "1/K" if self.sensor else "1", motion, 1e-6 if self.sensor else 5e-6)]

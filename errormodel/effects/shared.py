@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from errormodel.arrays import rotation_matrix
-from errormodel.conventions import ROTATIONS, TRANSLATIONS, Motion
-from errormodel.effects.base import Channels, ShapeParameter
+from errormodel.conventions import ROTATIONS, TRANSLATIONS, Motion, unit_of
+from errormodel.effects.base import Channels, EffectTerm, ShapeParameter
 from errormodel.effects.ops import Value, atan2, cos, cubics, exp, fmax, fmin, sin
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.exceptions import InputError
@@ -102,6 +102,19 @@ def bending(joint: Joint, motion: Motion, deflection: Value, slope: Value) -> di
     return {motion: deflection} | {name: slope * float(a) for name, a in zip(ROTATIONS, turn, strict=True) if a}
 
 
+def each_motion(
+    element: str, motions: Sequence[Motion], value: Value, sizes: tuple[float, float], per: str = ""
+) -> list[EffectTerm]:
+    """A parameter of each motion of an element, all of which follow one `value`.
+
+    Parameters
+    ----------
+    sizes : usual ones, of a translation (mm) and of a rotation (rad).
+    per : unit of the value as a divisor, as in ``/K``.
+    """
+    return [EffectTerm(element, "", f"{unit_of(m)}{per}", {m: value}, sizes[m not in TRANSLATIONS]) for m in motions]
+
+
 def since(channel: Channels, at: float, clock: str = "time") -> Value:
     """1 from the time `at` (s) on, 0 before, within one second; with the clock ``row``, from that row on."""
     return fmin(fmax(channel(clock) - at + 0.5, 0), 1)
@@ -122,6 +135,11 @@ def run_channels(run: str | tuple[str, ...] | None) -> tuple[str, ...]:
     """Channels of one or several runs by their labels; their sum is 1 in these runs."""
     own = (run,) if isinstance(run, str) else run or ()
     return tuple(f"run({name})" for name in own)
+
+
+def in_runs(channel: Channels, run: str | tuple[str, ...]) -> Value:
+    """1 in the rows of one or several runs, else 0."""
+    return sum(map(channel, run_channels(run)))
 
 
 def switched(scene: Scene) -> Iterator[str | tuple[str, ...]]:

@@ -9,10 +9,10 @@ from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import ClassVar, Literal
 
-from errormodel.conventions import MOTIONS, TOOL, TRANSLATIONS, Motion, unit_of
+from errormodel.conventions import MOTIONS, TOOL, TRANSLATIONS, Motion
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import Lag, lags, outward, outward_words, thermal, warmth
+from errormodel.effects.shared import Lag, each_motion, lags, outward, outward_words, thermal, warmth
 from errormodel.machine import Machine, Shape
 
 
@@ -51,10 +51,8 @@ class SpindleGrowth(Effect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = warmth(channel, self.sensor, self.minus, self.tau)
         if self.motion == "all":
-            sizes = {
-                m: 0.005 if m in TRANSLATIONS else 5e-6 for m in (TRANSLATIONS if self.element == TOOL else MOTIONS)
-            }
-            return [EffectTerm(self.element, "", f"{unit_of(m)}/K", {m: warm}, size) for m, size in sizes.items()]
+            motions = TRANSLATIONS if self.element == TOOL else MOTIONS
+            return each_motion(self.element, motions, warm, (0.005, 5e-6), "/K")
         direction: Mapping[Motion, float] = outward(machine) if self.motion is None else {self.motion: 1.0}
         motion = {name: value * warm for name, value in direction.items()}
         return [EffectTerm(self.element, "", "mm/K", motion, 0.005)]

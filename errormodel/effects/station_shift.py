@@ -10,10 +10,10 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import model_validator
 
-from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS, unit_of
+from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS
 from errormodel.effects.base import MOMENT, Channels, Effect, EffectTerm, ShapeParameter
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import moments, run_channels, since, switched
+from errormodel.effects.shared import each_motion, in_runs, moments, run_channels, since, switched
 from errormodel.machine import Machine
 
 # log odds against a step in the order of the rows. By judgement, from recordings: what drifts or was measured in blocks
@@ -64,11 +64,10 @@ class StationShift(Effect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         if self.run is not None:
-            after = sum(map(channel, run_channels(self.run)))
+            after = in_runs(channel, self.run)
         else:
             after = since(channel, self.at) if self.at is not None else since(channel, self.row or 0.0, "row")
-        sizes = {m: 0.02 if m in TRANSLATIONS else 2e-5 for m in (MOTIONS if self.turned else TRANSLATIONS)}
-        return [EffectTerm(FRAME, "", unit_of(m), {m: after}, size) for m, size in sizes.items()]
+        return each_motion(FRAME, MOTIONS if self.turned else TRANSLATIONS, after, (0.02, 2e-5))
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

@@ -16,9 +16,11 @@ from errormodel.conventions import FRAME, MOTIONS, ROTATIONS, TRANSLATIONS, Moti
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.ops import Value
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import Lag, Positive, lags, members, thermal, warmth
+from errormodel.effects.shared import Lag, Positive, each_motion, lags, members, thermal, warmth
 from errormodel.effects.travel import polynomials, scaled
 from errormodel.machine import Machine, Shape, Vector, joint_of
+
+SIZES = 0.01, 1e-5  # usual ones per K, mm and rad
 
 
 class StructureDrift(Effect):
@@ -69,9 +71,9 @@ class StructureDrift(Effect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = warmth(channel, self.sensor, self.minus, self.tau)
         if self.motion == "all":
-            return [EffectTerm(self.element, "", f"{unit_of(m)}/K", {m: warm}, _usual(m)) for m in MOTIONS]
+            return each_motion(self.element, MOTIONS, warm, SIZES, "/K")
         unit = f"{unit_of(self.motion)}/K"
-        size = self.std or _usual(self.motion)
+        size = self.std or SIZES[self.motion not in TRANSLATIONS]
         # the label names the sensor, so that several random effects at one element differ
         name = f"{self.sensor}{f'-{self.tau:g}s' if self.tau else ''}" if self.random else ""
         if not self.order:
@@ -103,11 +105,6 @@ class StructureDrift(Effect):
                     (None, *filter(any, scene.stations)), combinations(scene.sensors, 2)
                 ):
                     yield from _lagging(scene, element=FRAME, motion=motion, about=about, sensor=sensor, minus=minus)
-
-
-def _usual(motion: Motion) -> float:
-    """Usual size per K, mm or rad."""
-    return 0.01 if motion in TRANSLATIONS else 1e-5
 
 
 def _by_sensors(scene: Scene, element: str, motion: str) -> Iterator[Effect]:

@@ -12,7 +12,7 @@ from errormodel.conventions import TOOL, TRANSLATIONS
 from errormodel.effects.base import MOMENT, Channels, Effect, EffectTerm
 from errormodel.effects.ops import Value, absolute, fmax, fmin
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import moments, run_channels, since, switched
+from errormodel.effects.shared import in_runs, moments, run_channels, since, switched
 from errormodel.machine import Machine, Vector
 
 TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")  # columns of the functional point, as in `errormodel.surveys.columns`
@@ -60,7 +60,7 @@ class TargetOffset(Effect):
         if self.at is not None:
             here = since(channel, self.at)
         elif self.run is not None:
-            here = sum(map(channel, run_channels(self.run)))
+            here = in_runs(channel, self.run)
         elif self.tool is not None:
             apart = sum(absolute(channel(c) - v) for c, v in zip(TOOL_COLUMNS, self.tool, strict=True))
             here = fmin(fmax(2 - apart / SAME_TOOL_MM, 0), 1)

@@ -11,11 +11,11 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS, unit_of
+from errormodel.conventions import FRAME, MOTIONS
 from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm, ShapeParameter
 from errormodel.effects.families import Traits
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import settling, start_of
+from errormodel.effects.shared import each_motion, settling, start_of
 from errormodel.machine import Machine
 
 
@@ -52,8 +52,7 @@ class TrackerDrift(Effect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         even = (channel("time") - self.start) / self.duration
         grown = settling(channel, self.tau, self.start) if self.tau else even
-        sizes = {m: 0.02 if m in TRANSLATIONS else 1e-5 for m in MOTIONS}
-        return [EffectTerm(FRAME, "", unit_of(m), {m: grown}, size) for m, size in sizes.items()]
+        return each_motion(FRAME, MOTIONS, grown, (0.02, 1e-5))
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

@@ -11,13 +11,14 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
+from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm, along
 from errormodel.effects.ops import Value
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import (
     STEEL_EXPANSION,
     Positive,
+    each_motion,
     joint_as,
     members,
     outward,
@@ -94,8 +95,8 @@ class WarmUp(Effect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = self._warm(channel)
         if self.element is not None and self.motion is not None:
-            sizes = {m: 0.03 if m in TRANSLATIONS else 3e-5 for m in MOTIONS if self.motion in (m, "all")}
-            return [EffectTerm(self.element, "", unit_of(m), {m: warm}, size) for m, size in sizes.items()]
+            motions = MOTIONS if self.motion == "all" else (self.motion,)
+            return each_motion(self.element, motions, warm, (0.03, 3e-5))
         if self.joint is None:
             motion = {name: value * warm for name, value in outward(machine).items()}
             return [EffectTerm("tool", "growth", "mm", motion, 0.02)]

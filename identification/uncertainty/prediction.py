@@ -16,6 +16,7 @@ from errormodel.conventions import MOTIONS
 from errormodel.effects.axis_blunder import mended_words
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MOTION_UNCERTAINTIES
+from identification.diagnosis.decisions.constants import MISFIT_RATIO
 from identification.observation.assembly import frame_columns, frame_labels
 from identification.observation.frames import rotation_notes
 from identification.observation.pose import IDENTITY, Pose
@@ -53,7 +54,6 @@ LEFT = (
     "the diagnosis left {:.2g} um of a coordinate that is no noise and that nothing explains. The uncertainty has it "
     "as it was in the recording: later, warmer or elsewhere it may be much larger"
 )
-LEAST_MISFIT = 1.14  # of an uncertainty, which is seldom known better; by judgement
 # Standard deviation of an unidentified parameter by unit, where no identified one gives a scale; by judgement
 PLAUSIBLE_SIZES = {"mm": 0.02, "rad": 5e-5, "1": 5e-5, "rad/mm": 5e-8}
 MISTAKE = (
@@ -152,7 +152,7 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     late = (*started_anew(fit.chain, temperatures, points.table), *after_gaps(fit.chain, temperatures, points.table))
     ended = as_in_last_run(fit.chain, fit.data.get("runs", ()), points.table)
     idle, moving = rested(fit.chain, points.table), on_the_fly(fit.chain, points.table)
-    misfit = (MISFIT.format(ratio),) if (ratio := _misfit(fit)) > LEAST_MISFIT else ()
+    misfit = (MISFIT.format(ratio),) if (ratio := _misfit(fit)) ** 2 > MISFIT_RATIO else ()
     left = (LEFT.format(1e3 * fit.systematic),) if fit.systematic else ()
     mistakes = (MISTAKE.format(text=text) for text in mended_words(fit.chain.machine))
     changes = (*late, *ended, *idle, *moving, *from_other_sides(fit.chain, fit.data.get("only_sides", {}), points))

@@ -24,18 +24,23 @@ MOST_TIMES = 200  # of a recording that are kept: a time constant is seldom as s
 Recorded = Mapping[str, Sequence[Sequence[float]]]  # of each sensor that acts late: times (s), temperatures (degC)
 
 
-def _lags(chain: Chain) -> Iterator[tuple[int, str, str]]:
-    """Lagged channels of a model: number, name and base channel."""
+def _lags(chain: Chain) -> Iterator[tuple[int, str, str, float]]:
+    """Lagged channels of a model: number, name, base channel and time constant, s."""
     for number, name in enumerate(chain.channels):
         call = DERIVED_CHANNEL.fullmatch(name)
         if call and call[1] == "lag":
-            yield number, name, call[2]
+            yield number, name, call[2], float(call[3])
+
+
+def _sensors(chain: Chain) -> list[str]:
+    """Base channels that act late in a model, each once."""
+    return list(dict.fromkeys(base for _, _, base, _ in _lags(chain)))
 
 
 def temperatures_of(chain: Chain, table: pd.DataFrame) -> dict[str, list[list[float]]]:
     """What a recording has of each sensor that acts late; nothing where its rows have several clocks, or one time."""
     out = {}
-    for base in dict.fromkeys(base for _, _, base in _lags(chain)):
+    for base in _sensors(chain):
         if base not in table or "time" not in table or np.ptp(clocks(table, base)):
             continue
         time = channel(table, "time")
@@ -51,15 +56,20 @@ def continued(chain: Chain, recorded: Recorded, table: pd.DataFrame, columns: li
 
     Between two rows the temperature is taken to change evenly.
     """
-    out = list(columns)
-    for number, name, base in _lags(chain):
-        both = _on_one_clock(recorded.get(base), table, base)
-        if both is not None:
-            out[number] = channel(both, name)[-len(table) :]
+    out, series = list(columns), _on_one_clock(chain, recorded, table)
+    for number, name, base, _ in _lags(chain):
+        if base in series:
+            out[number] = channel(series[base], name)[-len(table) :]
     return out
 
 
-def _on_one_clock(recorded: Sequence[Sequence[float]] | None, table: pd.DataFrame, base: str) -> pd.DataFrame | None:
+def _on_one_clock(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Of each sensor that acts late what was recorded and the commands after it, where they have a clock in common."""
+    series = {base: _joined(recorded.get(base), table, base) for base in _sensors(chain)}
+    return {base: both for base, both in series.items() if both is not None}
+
+
+def _joined(recorded: Sequence[Sequence[float]] | None, table: pd.DataFrame, base: str) -> pd.DataFrame | None:
     """Times and temperatures recorded, and those of the commands after them; None where they have no clock in common.
 
     Rows at one time are states, each in equilibrium. Commands that begin before the recording's end have its clock if
@@ -80,10 +90,10 @@ def _on_one_clock(recorded: Sequence[Sequence[float]] | None, table: pd.DataFram
 
 def started_anew(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> Iterator[str]:
     """A note on lagged channels that do not go on from the recording: they start in equilibrium."""
-    names = [base for _, _, base in _lags(chain) if _on_one_clock(recorded.get(base), table, base) is None]
-    if names:
+    series = _on_one_clock(chain, recorded, table)
+    if names := [base for base in _sensors(chain) if base not in series]:
         yield (
-            f"{', '.join(dict.fromkeys(names))} acts late, and what it was before the first row is not known: it is "
+            f"{', '.join(names)} acts late, and what it was before the first row is not known: it is "
             "taken to have been as in that row for long (in each row, where all have one time). Times on the "
             "recording's clock, within it or after its end, continue what was recorded"
         )
@@ -91,18 +101,16 @@ def started_anew(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> Itera
 
 def after_gaps(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> Iterator[str]:
     """Notes on temperatures that act late, and that nothing tells of for longer than they do before the first row."""
-    said = set[str]()
-    for _, name, base in _lags(chain):
-        if base in said or _on_one_clock(recorded.get(base), table, base) is None:
-            continue
-        gap, tau = channel(table, "time").min() - max(recorded[base][0]), float(name.rpartition(",")[2].rstrip(")"))
-        if gap > tau:
-            said.add(base)
-            yield (
-                f"{base} acts {tau / 60:.3g} min late, and what it was in the {gap / 3600:.2g} h between the recording "
-                "and the first row is not known: it is taken to have changed evenly, which is not in the uncertainty. "
-                "Add rows with its temperatures in between"
-            )
+    series, longer = _on_one_clock(chain, recorded, table), dict[str, tuple[float, float]]()
+    for _, _, base, tau in _lags(chain):
+        if base in series and (gap := channel(table, "time").min() - max(recorded[base][0])) > tau:
+            longer.setdefault(base, (gap, tau))
+    for base, (gap, tau) in longer.items():
+        yield (
+            f"{base} acts {tau / 60:.3g} min late, and what it was in the {gap / 3600:.2g} h between the recording "
+            "and the first row is not known: it is taken to have changed evenly, which is not in the uncertainty. "
+            "Add rows with its temperatures in between"
+        )
 
 
 def runs_of(chain: Chain, table: pd.DataFrame) -> list[str]:

@@ -108,6 +108,11 @@ class Points:
     def part(self, rows: Index | Mask) -> Points:
         return replace(self, nominal=self.nominal[rows], measured=self.measured[rows])
 
+    @property
+    def measured_whole(self) -> Points:
+        """Those with all three components."""
+        return self.part(np.flatnonzero(np.isfinite(self.measured).all(axis=1)))
+
     def reordered(self, order: Index) -> Points:
         """What was measured in another order, beside the same commands."""
         return replace(self, measured=self.measured[order])
@@ -117,7 +122,7 @@ class Points:
         last = len(self) - max(rows, 0)
         first = max(-rows, 0)
         pairs = replace(self, nominal=self.nominal[first:last], measured=self.measured[first + rows : last + rows])
-        return pairs.part(np.flatnonzero(np.isfinite(pairs.measured).all(axis=1)))
+        return pairs.measured_whole
 
     def pose(self, rounds: int = ROUNDS) -> Pose:
         """The best frame; in no `rounds`, that of all points alike."""

@@ -66,8 +66,7 @@ def refuse_still_joint(chain: Chain, survey: Survey) -> None:
     """
     for rows in groups(survey):
         columns = sheet(chain, survey.table.iloc[rows])
-        points = Points.of(chain, columns, survey.frame == "fixed")
-        points = points.part(np.flatnonzero(np.isfinite(points.measured).all(axis=1)))
+        points = Points.of(chain, columns, survey.frame == "fixed").measured_whole
         still = [j.name for j in chain.machine.joints if np.ptp(columns[j.name]) == 0]
         if len(points) < FEWEST or not still or not points.spread > 0:
             continue
@@ -126,8 +125,7 @@ def _in_some_runs(chain: Chain, survey: Survey, rows: Index) -> tuple[str, str] 
     table = survey.table.iloc[rows].reset_index(drop=True)
     misfits = {}
     for run, own in table.groupby(table["run"].astype(str), sort=False):
-        points = Points.of(chain, sheet(chain, own), survey.frame == "fixed")
-        points = points.part(np.flatnonzero(np.isfinite(points.measured).all(axis=1)))
+        points = Points.of(chain, sheet(chain, own), survey.frame == "fixed").measured_whole
         if len(points) >= FEWEST:
             misfits[str(run)] = points.misfit()
     good = [run for run, misfit in misfits.items() if misfit < TWO * chain.size]

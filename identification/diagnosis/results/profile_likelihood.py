@@ -8,6 +8,7 @@ section 3.4, of the profile likelihood).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -41,7 +42,7 @@ def other_constants(final: Fit, model: EffectModel, first: int) -> tuple[OtherCo
                 value = float(getattr(step.effect, name)) * ratio
                 trial = OtherConstant(first + number, name, value, weight, {})
                 other = fit_machine(trial.machine(final.chain.machine), final.survey, effect_sizes=WIDEST)
-                out.append(OtherConstant(first + number, name, value, weight, other.solution.named()))
+                out.append(replace(trial, parameters=other.solution.named()))
     return tuple(out)
 
 
