@@ -18,6 +18,8 @@ FRAME = "frame"  # the measuring frame, before the first element of the chain
 TOOL = "tool"  # the functional point, after the last element of the chain
 INSTRUMENT = "instrument"  # location of effects of the instrument
 
+REFERENCE_TEMPERATURE = 20.0  # degC, ISO 1
+
 _ISO_DIRECTION: dict[Motion, str] = {"dx": "X", "dy": "Y", "dz": "Z", "ea": "A", "eb": "B", "ec": "C"}
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, PositiveFloat
 
-from errormodel.conventions import Motion
+from errormodel.conventions import REFERENCE_TEMPERATURE, Motion
 from errormodel.effects.families import FAMILIES, Traits
 from errormodel.effects.ops import Value
 from errormodel.machine import Joint, Machine
@@ -243,6 +243,18 @@ class Effect(BaseModel, ABC):
     def random(self) -> bool:
         """Whether the parameters are random effects: shrunk to zero by a prior of one common standard deviation."""
         return False
+
+    def changing(self, scene: Scene) -> float:
+        """Share (0 to 1) of its length squared that is due to changes of the temperature that its fields name.
+
+        What a sensor shows over its reference all the time, as at 60 +- 1 degC, is constant: geometry takes it up, and
+        nothing of the effect is hidden by that.
+        """
+        sensor, minus = (scene.columns.get(getattr(self, name, None) or "") for name in ("sensor", "minus"))
+        if sensor is None:
+            return 1.0
+        warm = sensor - (REFERENCE_TEMPERATURE if minus is None else minus)
+        return float(np.var(warm) / max(np.mean(np.square(warm)), np.finfo(float).tiny))
 
     @property
     def key(self) -> tuple[object, ...]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from errormodel.arrays import rotation_matrix
-from errormodel.conventions import ROTATIONS, TRANSLATIONS, Motion, unit_of
+from errormodel.conventions import REFERENCE_TEMPERATURE, ROTATIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, EffectTerm, ShapeParameter
 from errormodel.effects.ops import Value, atan2, cos, cubics, exp, fmax, fmin, sin
 from errormodel.effects.search_space.survey_summary import Scene
@@ -25,7 +25,6 @@ Positive = Annotated[float, Field(gt=0)]
 Lag = Annotated[float, Field(ge=0), ShapeParameter("s", said=False)]  # 0: none
 Rotation = Literal["ea", "eb", "ec"]
 
-REFERENCE_TEMPERATURE = 20.0  # degC, ISO 1
 STEEL_EXPANSION = 12e-6  # coefficient of linear expansion of steel, 1/K
 MOST_FREQUENCIES = 4000  # most frequencies of one grid: more exceed time and memory
 SLOWEST = 1.6  # longest time constant tried, in lengths of the recording: slower shows no settling; by judgement

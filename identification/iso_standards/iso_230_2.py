@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.conventions import REFERENCE_TEMPERATURE
 from errormodel.surveys.record import UncertaintyRecord
 from identification.iso_standards.base import Evaluation, Quantity, Sheet, Standard, spread, text
 from identification.iso_standards.fitted import FittedMachine
@@ -36,7 +37,6 @@ FEWEST_READINGS = 3  # of a test
 MODEL_TARGETS = 21  # of a test of a fitted model: enough for curves that polynomials describe
 # expanded uncertainty (k = 2) of a rectangular distribution over its range: 2 / (2 sqrt 3), which annex A rounds up
 OF_RANGE = 0.6
-REFERENCE_TEMPERATURE = 20.0  # degC (ISO 1)
 
 WITHOUT_PLAY = "systematic positioning error, without reversal"  # E of a model that has no play
 

@@ -16,7 +16,7 @@ from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.constants import ABSORBED
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.search.candidates import Candidates
+from identification.diagnosis.search.candidates import Candidates, changing_shares
 from identification.diagnosis.search.scoring import DETECT
 
 POWER_QUANTILE = 1.645  # normal quantile of the power: 95 %, by convention
@@ -197,14 +197,14 @@ def _seen(
     """
     count, free = len(candidates.effects), linear.freedom
     strength, possible = np.full(count, np.inf), np.zeros(count)
-    parts, owners = [], []
+    parts, owners, changing = [], [], changing_shares(candidates.effects, linear.scene)
     for block in candidates.blocks:
         numbers, columns = block.numbers, block.observed(linear.size)
         m, k, n = columns.shape
         left = linear.project(columns.reshape(m * k, n)).reshape(m, k, n)
         possible[numbers] = LARGEST_EFFECT_SIGMA * block.sizes[:, 0]
         gram = left @ left.transpose(0, 2, 1)
-        norm = np.sqrt(block.square)
+        norm = np.sqrt(block.square * changing[numbers, None])
         seen = np.linalg.eigvalsh(gram / norm[:, :, None] / norm[:, None, :]).max(axis=1) > 1 - ABSORBED
         gain = np.maximum(np.linalg.eigvalsh(gram), 0.0)
         odds = [candidates.effects[i].cost(linear.scene) for i in numbers]

@@ -145,3 +145,25 @@ def test_a_column_that_depends_on_others_takes_nothing_of_later_ones() -> None:
     both = linear.with_columns(np.array([a, 2 * a, b, a - b, c]))
     assert both.square == pytest.approx(linear.with_columns(np.array([a, b, c])).square, rel=1e-12)
     assert both.basis.shape[1] == linear.basis.shape[1] + 3
+
+
+def test_a_sensor_far_from_20_degrees_shows_the_same() -> None:
+    """What it shows over 20 degC all the time is the geometry's, and hides nothing of what changes."""
+    machine = read_machine(GANTRY)
+    survey = empty_survey(machine, 200, 5, channels=True, grid=False)
+    spec = EffectSpec("scale-expansion", {"joint": machine.joints[0].name, "sensor": "T_0"})
+    survey = showing(survey, machine, [(spec, [4e-5])], 0.003)
+    effect, found = make(spec), []
+    for over in (0.0, 40.0, 70.0):
+        table = survey.table.assign(**{f"T_{k}": survey.table[f"T_{k}"] + over for k in range(3)})
+        linear = set_up(fit_machine(machine, replace(survey, table=table)))
+        candidates = Candidates.of(linear, [effect])
+        scores = candidates.scores(linear)
+        [(white, averaged)] = coloured.evidence(linear, [[effect]])
+        found.append([white, averaged, float(scores.evidence[0]), float(scores.absorbed[0])])
+    assert found[0][0] > 50
+    exact, _, single, absorbed = np.transpose(found)
+    np.testing.assert_allclose(exact, exact[0], rtol=1e-6)
+    # single precision leaves less of a column that is nearly the geometry's: a hundredth of what is left, at 90 degC
+    np.testing.assert_allclose(single, exact[0], rtol=1e-2)
+    np.testing.assert_allclose(absorbed, absorbed[0], atol=1e-2)

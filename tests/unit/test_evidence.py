@@ -66,9 +66,16 @@ def bayes_factor(linear: LinearModel, data: Array, columns: Array, deviations: A
     return integral(data, linear.basis, columns, deviations) - nothing
 
 
+def stub(empirical: bool = False, cost: float = 0.0) -> SimpleNamespace:
+    """What a score asks an effect for."""
+    name = {"effect": "effect", "drivers": (), "key": ("effect",)}
+    odds = {"cost": lambda scene: cost, "changing": lambda scene: 1.0}
+    return SimpleNamespace(random=False, empirical=empirical, **name, **odds)
+
+
 def evidence(linear: LinearModel, columns: Array, *, empirical: bool = False, cost: float = 0.0) -> float:
     """Of an effect whose columns (k, N) are those of parameters of their usual size."""
-    effect = SimpleNamespace(random=False, empirical=empirical, cost=lambda scene: cost, key=("effect",))
+    effect = stub(empirical, cost)
     block = Block.of(linear, np.arange(1), columns[None].copy(), np.ones((1, len(columns))))
     scores = Candidates([effect], [block], [effect.key]).scores(linear)  # type: ignore[list-item]
     return float(scores.evidence[0])
@@ -162,7 +169,7 @@ def test_evidence_in_noise_that_may_be_correlated() -> None:
     data = 0.8 * column + rng.normal(0, 1, 2 * n)
     residual = data - basis @ (basis.T @ data)
     index = np.tile(np.arange(n), 2)  # two components of one view: two series
-    effect = SimpleNamespace(random=False, empirical=False, cost=lambda scene: 0.0, key=("effect",))
+    effect = stub()
 
     class One(LinearModel):
         def columns(self, effect: object) -> tuple[Array, Array]:

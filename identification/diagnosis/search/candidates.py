@@ -63,7 +63,7 @@ class Candidates:
     _known: OrderedDict[Lineage, Scored] = field(default_factory=OrderedDict, repr=False)
     _products: list[KnownProducts] = field(default_factory=list, repr=False)  # the one that was last used
     _begun: Latest = field(default_factory=partial(Latest, BEGUN_BYTES), repr=False)
-    _costs: list[Array] = field(default_factory=list, repr=False)  # none yet, or one
+    _costs: list[tuple[Array, Array]] = field(default_factory=list, repr=False)  # none yet, or one
 
     @classmethod
     def of(cls, linear: LinearModel, effects: Sequence[Effect] | None = None) -> Candidates:
@@ -161,19 +161,21 @@ class Candidates:
         delta_chi2 = np.zeros(len(self.effects))
         absorbed = np.ones(len(self.effects))
         expected_delta_chi2 = np.full(len(self.effects), np.inf)
+        cost, changing = self._in_survey(linear.scene)
         for alike, (gram, slope) in zip(self._alike, self._left(linear), strict=True):
-            if alike.random:
-                scores = random_scores(linear, gram, slope, alike.square)
-            else:
-                scores = free_scores(linear, gram, slope, alike.square, alike.empirical)
             own = alike.numbers
+            square = alike.square * changing[own, None]
+            if alike.random:
+                scores = random_scores(linear, gram, slope, square)
+            else:
+                scores = free_scores(linear, gram, slope, square, alike.empirical)
             evidence[own], delta_chi2[own], absorbed[own], expected_delta_chi2[own] = scores
-        return Scores(self, evidence - self._cost(linear.scene), delta_chi2, absorbed, expected_delta_chi2)
+        return Scores(self, evidence - cost, delta_chi2, absorbed, expected_delta_chi2)
 
-    def _cost(self, scene: Scene) -> Array:
-        """Of each proposal, in the survey that all of them are of."""
+    def _in_survey(self, scene: Scene) -> tuple[Array, Array]:
+        """Of each proposal its cost and changing share, in the survey that all of them are of."""
         if not self._costs:
-            self._costs.append(np.array([e.cost(scene) for e in self.effects]))
+            self._costs.append((np.array([e.cost(scene) for e in self.effects]), changing_shares(self.effects, scene)))
         return self._costs[0]
 
     @cached_property
@@ -236,6 +238,16 @@ def _keep(kept: OrderedDict[Lineage, T], lineage: Lineage, value: T) -> None:
     kept[lineage] = value
     if len(kept) > KEPT:
         kept.popitem(last=False)
+
+
+def changing_shares(effects: Sequence[Effect], scene: Scene) -> Array:
+    """Share of each effect that is due to changes of a temperature; the same for all by one of them."""
+    known: dict[object, float] = {}
+    keys = [(effect.effect, effect.drivers) for effect in effects]
+    for key, effect in zip(keys, effects, strict=True):
+        if key not in known:
+            known[key] = effect.changing(scene)
+    return np.array([known[key] for key in keys])
 
 
 def _listed(effects: Sequence[Effect]) -> Iterator[list[Effect]]:
@@ -327,7 +339,7 @@ def score_of(linear: LinearModel, effect: Effect) -> tuple[float, float, float] 
     if not np.isfinite(whole).all() or np.diag(whole).max(initial=0.0) <= NOTHING:
         return None
     gram, slope = (whole - inner @ inner.T)[None], (scaled @ linear.residual)[None]
-    square = np.maximum(np.diag(whole), NOTHING)[None]
+    square = np.maximum(np.diag(whole), NOTHING)[None] * effect.changing(linear.scene)
     if effect.random:
         scores = random_scores(linear, gram, slope, square)
     else:

@@ -33,6 +33,7 @@ def evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tu
 def _evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tuple[float, float]]:
     from scipy.special import logsumexp
 
+    changing = [main.changing(linear.scene) for main, *_ in groups]
     sizes = [np.concatenate([linear.columns(e)[1] for e in group]) for group in groups]  # usual ones
     ends = np.cumsum([0, *map(len, sizes)]).tolist()
     mains = [main for main, *_ in groups]
@@ -46,7 +47,7 @@ def _evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[t
             own, size = [slice(ends[k], ends[k + 1]) for k in some], np.array([sizes[k] for k in some])
             gram = np.array([left.grams[k] for k in some]) * size[:, :, None] * size[:, None, :]
             slope = np.array([left.slopes[s] for s in own]) * size
-            square = np.array([left.squares[s] for s in own]) * size**2
+            square = np.array([changing[k] * left.squares[s] for k, s in zip(some, own, strict=True)]) * size**2
             undefined = ~np.isfinite(gram).all(axis=(1, 2))
             gram[undefined], slope[undefined], square[undefined] = 0.0, 0.0, 0.0
             square = np.maximum(square, NOTHING)

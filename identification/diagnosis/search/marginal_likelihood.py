@@ -37,7 +37,7 @@ def free_scores(noise: Left, gram: Array, slope: Array, square: Array, empirical
     Parameters
     ----------
     gram, slope : products (m, k, k) of the projected columns with each other, and (m, k) with the residual.
-    square : (m, k) the columns' own lengths squared.
+    square : (m, k) the columns' own lengths squared; of a temperature's, as it changes (`Effect.changing`).
     """
     from scipy.special import logsumexp
 
