@@ -86,6 +86,8 @@ class Survey:
         weigh the rows, and the noise of the means shows in the residuals.
     of_tool : frozenset of str
         Files whose readings were along the axes of the tool; the table has them in those of the reference.
+    labelled : bool
+        Whether a file has a column ``run``; else all rows are of one run, whose label nobody gave.
     """
 
     table: pd.DataFrame
@@ -102,6 +104,7 @@ class Survey:
     observations: Mapping[str, Observation] = field(default_factory=dict)
     scatter: bool = False
     of_tool: frozenset[str] = frozenset()
+    labelled: bool = True
 
     def __len__(self) -> int:
         return len(self.table)
@@ -221,7 +224,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     return Survey(
         table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes), tuple(form.budget),
         frame_rotation=rotation, record=form.test, observations=form.observations, scatter=all(scatter),
-        of_tool=of_tool,
+        of_tool=of_tool, labelled=any("run" in part.frame for part in parts),
     )  # fmt: skip
 
 

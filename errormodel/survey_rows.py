@@ -203,6 +203,7 @@ class SurveyRows:
         return Survey(
             table, form.frame, tuple(form.refit), form.instrument, self.source, tuple(dict.fromkeys(notes)),
             tuple(form.budget), frame_rotation=rotation, record=form.test, observations=form.observations,
+            labelled="run" in whole,
         )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from errormodel.chain import Chain
-from errormodel.channels import root
+from errormodel.channels import UNITS_OF_CHANNELS, root
 from errormodel.effects import make
 from errormodel.simulation import outward
 
@@ -23,10 +23,10 @@ _UNRANGED_PREFIXES = ("dir_", "run(", "point_", "tool_")
 
 
 def covered(chain: Chain, table: pd.DataFrame) -> dict[str, list[float]]:
-    """Lowest and highest value of each joint, channel of the model and temperature: mm, deg, s, degC as in files."""
+    """Lowest and highest value of each joint, channel of the model or of use: mm, deg, s, degC as in files."""
     table = outward(table, chain.machine)
-    warm = (str(c) for c in table.columns if str(c).startswith("T_"))
-    names = dict.fromkeys((*(j.name for j in chain.machine.joints), *map(root, chain.channels), *warm))
+    use = (str(c) for c in table.columns if str(c).startswith("T_") or c in UNITS_OF_CHANNELS)
+    names = dict.fromkeys((*(j.name for j in chain.machine.joints), *map(root, chain.channels), *use))
     out = {}
     for name in names:
         if name == "row" or name.startswith(_UNRANGED_PREFIXES) or name not in table:
@@ -55,7 +55,7 @@ def beyond_notes(chain: Chain, ranges: Mapping[str, list[float]], table: pd.Data
             continue
         values = table[name].to_numpy(dtype=np.float64)
         beyond = np.fmax(low - values, values - high)
-        margin = 1e-9 * max(abs(low), abs(high)) if name in acting else IDLE_KELVIN
+        margin = IDLE_KELVIN if name.startswith("T_") and name not in acting else 1e-9 * max(abs(low), abs(high))
         outside = beyond > RANGE_MARGIN_SHARE * (high - low) + margin
         if not outside.any():
             continue
@@ -87,4 +87,4 @@ def _there(chain: Chain, name: str, acts: bool) -> str:
 
 def _unit(name: str) -> str:
     """Unit of a channel for messages."""
-    return " degC" if name.startswith("T_") else " s" if name == "time" else ""
+    return " degC" if name.startswith("T_") else f" {UNITS_OF_CHANNELS[name]}" if name in UNITS_OF_CHANNELS else ""

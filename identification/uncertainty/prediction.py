@@ -32,6 +32,7 @@ from identification.uncertainty.recording_end import (
     continued,
     in_last_run,
     started_anew,
+    with_runs,
 )
 from identification.uncertainty.time_constants import OtherConstant, with_other_constants
 from identification.uncertainty.unknown_rests import rested, with_other_use
@@ -107,7 +108,7 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
 def _channels(fit: StoredFit, points: Survey) -> list[Array]:
     """The model's channels at commands, which go on from the recording."""
     channels = continued(fit.chain, fit.data.get("temperatures", {}), points.table, fit.chain.columns(points.table))
-    channels = in_last_run(fit.chain, fit.data.get("runs", ()), points.table, channels)
+    channels = in_last_run(fit.chain, fit.data.get("runs", ()), with_runs(points), channels)
     return after_last_row(fit.chain, channels)
 
 
@@ -150,7 +151,7 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     own = (*fit.unlisted, *rotation_notes(fit.frames))
     temperatures = fit.data.get("temperatures", {})
     late = (*started_anew(fit.chain, temperatures, points.table), *after_gaps(fit.chain, temperatures, points.table))
-    ended = as_in_last_run(fit.chain, fit.data.get("runs", ()), points.table)
+    ended = as_in_last_run(fit.chain, fit.data.get("runs", ()), with_runs(points))
     idle, moving = rested(fit.chain, points.table), on_the_fly(fit.chain, points.table)
     misfit = (MISFIT.format(ratio),) if (ratio := _misfit(fit)) ** 2 > MISFIT_RATIO else ()
     left = (LEFT.format(1e3 * fit.systematic),) if fit.systematic else ()

@@ -19,6 +19,8 @@ from errormodel.channels import DERIVED_CHANNEL, channel, clocks
 if TYPE_CHECKING:
     import pandas as pd
 
+    from errormodel.survey import Survey
+
 LAST_ROW = 1e9  # number of a row after all that were recorded, where nothing says how many these were
 MOST_TIMES = 200  # of a recording that are kept: a time constant is seldom as short as a hundredth of it
 Recorded = Mapping[str, Sequence[Sequence[float]]]  # of each sensor that acts late: times (s), temperatures (degC)
@@ -120,6 +122,11 @@ def runs_of(chain: Chain, table: pd.DataFrame) -> list[str]:
     return [*dict.fromkeys(table["run"].astype(str)[::-1])][::-1]
 
 
+def with_runs(points: Survey) -> pd.DataFrame:
+    """The table of commands, of which the runs are empty where the file has none: they are none of those recorded."""
+    return points.table if points.labelled else points.table.assign(run="")
+
+
 def in_last_run(chain: Chain, runs: Sequence[str], table: pd.DataFrame, columns: list[Array]) -> list[Array]:
     """The columns of later commands, of which rows of runs that were not recorded are as in the last recorded one."""
     if not runs:
@@ -151,10 +158,11 @@ def as_in_last_run(chain: Chain, runs: Sequence[str], table: pd.DataFrame) -> It
         )
     if not runs or not (later := _not_recorded(runs, table)).any():
         return
-    names = ", ".join(dict.fromkeys(table["run"].astype(str)[later]))
+    names = ", ".join(filter(None, dict.fromkeys(table["run"].astype(str)[later])))
     what = " and ".join(filter(None, map(_run_of, chain.channels)))
+    why = f"run {names} was not recorded" if names else "the commands have no column run"
     yield (
-        f"run {names} was not recorded: what differs in run {what} is predicted as the recording ended, in run "
+        f"{why}: what differs in run {what} is predicted as the recording ended, in run "
         f"{runs[-1]}. Write the label of a recorded run to have it as in that"
     )
 

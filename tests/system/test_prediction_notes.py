@@ -229,3 +229,16 @@ def test_temperatures_that_nothing_depends_on(mill: Path, tmp_path: Path) -> Non
         seen.iloc[:3].drop(columns=XYZ).assign(T_bed=warm).to_csv(tmp_path / "p.csv", index=False)
         note = done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
         assert ("nothing in the model depends on it" in note) == said
+
+
+@pytest.mark.parametrize(("name", "there", "beyond", "unit"), [("time", 900, 4000, "s"), ("load", 20, 50, "kg")])
+def test_times_and_loads_that_nothing_depends_on(
+    mill: Path, tmp_path: Path, name: str, there: float, beyond: float, unit: str
+) -> None:
+    seen = pd.read_csv(mill / "s.csv")
+    seen.assign(**{name: np.linspace(0, there, len(seen))}).to_csv(tmp_path / "s.csv", index=False)
+    done("fit", MILL, tmp_path / "s.csv", "--out", tmp_path / "fit")
+    for value, said in ((there, False), (beyond, True)):
+        seen.iloc[:3].drop(columns=XYZ).assign(**{name: value}).to_csv(tmp_path / "p.csv", index=False)
+        note = done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
+        assert (f"beyond what was measured of {name}, 0 to {there} {unit}" in note) == said

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from errormodel.chain import Chain
+from errormodel.instruments.plain import Plain
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from errormodel.simulation import random_points
+from errormodel.survey import Survey
 from identification.uncertainty.recording_end import (
     after_gaps,
     as_in_last_run,
@@ -20,6 +23,7 @@ from identification.uncertainty.recording_end import (
     runs_of,
     started_anew,
     temperatures_of,
+    with_runs,
 )
 
 LAG = "lag(T_bed,1800)"
@@ -111,7 +115,8 @@ def test_a_station_that_was_moved_stays_where_it_was_moved_to() -> None:
 
     def later(recorded: str, commands: str) -> tuple[list[float], list[str]]:
         runs = runs_of(chain, points.assign(run=list(recorded)))
-        table = points.assign(run=list(commands))
+        table = points.assign(run=list(commands or "a" * 6))
+        table = with_runs(Survey(table, "shared", (), Plain(), Path(), labelled=bool(commands)))
         columns = in_last_run(chain, runs, table, chain.columns(table))
         return columns[number].tolist(), list(as_in_last_run(chain, runs, table))
 
@@ -121,3 +126,6 @@ def test_a_station_that_was_moved_stays_where_it_was_moved_to() -> None:
     assert later("bbbaaa", "cccbbb")[0] == [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]  # moved back before the recording ended
     assert later("ababab", "cccccc")[0] == [1.0] * 6  # the last row counts
     assert not later("aaabbb", "bababa")[1]
+    values, (note,) = later("aaabbb", "")  # no column run: all go on from the end
+    assert values == [1.0] * 6
+    assert note.startswith("the commands have no column run: what differs in run b is predicted as")
