@@ -3,6 +3,7 @@
 - ``X``: a joint; ``time``, ``feed``, ``load``, ``T_bed``, ``w_sync``: columns as they are.
 - ``dir_X``: direction of approach, +1 or -1.
 - ``lag(T_bed,600)``: the column after a first-order lag of 600 s.
+- ``initial(T_bed,600)``: what such a lag keeps of 1 K in the first row: ``exp(-t/600)``.
 - ``play(X,0.01)``: X after a play of 0.01 (mm or rad), in the order of the rows.
 - ``run(3)``: 1 in the rows of run 3, else 0.
 - ``row``: number of the row in the fitted file, from 1; rows of test files and of predictions come after it.
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 # Name of a derived channel. A sensor's name may hold commas and brackets: the number follows the last comma.
-DERIVED_CHANNEL = re.compile(r"(lag|play)\((.+),([^,()]+)\)", re.DOTALL)
+DERIVED_CHANNEL = re.compile(r"(lag|initial|play)\((.+),([^,()]+)\)", re.DOTALL)
 # s, standard deviation of the weights: the fastest members follow the air in some ten minutes
 SMOOTHING_SECONDS = 240.0
 # K rms, least misfit of one common clock that shows clocks of their own for the runs; sensors' noise leaves 0.05
@@ -245,6 +246,19 @@ def lag(table: pd.DataFrame, name: str, tau: float) -> Array:
     return out
 
 
+def initial(table: pd.DataFrame, name: str, tau: float) -> Array:
+    """What a first-order lag keeps of 1 K at its first row, clock by clock; nothing of rows at one time, long settled.
+
+    It is the lag's free response: what differs at first from the column fades with the time constant `tau` (s).
+    """
+    time = channel(table, "time")
+    out = np.zeros(len(time))
+    for rows in _by_label(clocks(table, name)):
+        if np.ptp(time[rows]) > 0:
+            out[rows] = np.exp(-(time[rows] - time[rows].min()) / tau)
+    return out
+
+
 def lagged(time: Array, values: Array, tau: float) -> Array:
     """Exact first-order lag of a signal at unevenly spaced times (any order), linear between them.
 
@@ -281,4 +295,8 @@ def play(table: pd.DataFrame, name: str, width: float) -> Array:
     return left
 
 
-_DERIVED = {"lag": lag, "play": play}  # functions of the derived channels: (table, name, number) to values (n,)
+_DERIVED = {
+    "lag": lag,
+    "initial": initial,
+    "play": play,
+}  # functions of the derived channels: (table, name, number) to values (n,)

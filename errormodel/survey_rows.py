@@ -41,8 +41,8 @@ from errormodel.yamlfile import Document
 
 WHOLE = "leave out --stream, if the survey fits the memory"
 _BY_COURSE = {  # channels that follow from the course of all rows, by the beginning of their names
-    "lag(": "a lagged temperature", "play(": "a play", "speed(": "a speed on the path",
-    "rate(": "a speed by the clock",
+    "lag(": "a lagged temperature", "initial(": "a lagged temperature", "play(": "a play",
+    "speed(": "a speed on the path", "rate(": "a speed by the clock",
     "resumed(": "the end of the machine's rest",
 }  # fmt: skip
 

@@ -24,6 +24,8 @@ from errormodel.machine import Joint, Machine
 if TYPE_CHECKING:
     from errormodel.effects.search_space.survey_summary import Scene
 
+NOT_SETTLED = 2.3  # log prior odds, 10 to 1, against a lag that was not in equilibrium in the first row; by judgement
+
 Channels = Callable[[str], Value]
 """Value of a channel of the survey: a joint (mm, rad), ``time`` (s), ``T_bed`` (degC), ``dir_X`` (+-1), ``feed``,
 ``load``, ``w_sync``, ``point_x`` (nominal position in the reference's axes, mm), or a derived one such as
@@ -125,7 +127,7 @@ class Effect(BaseModel, ABC):
     empirical: ClassVar[bool] = False
     flexible: ClassVar[bool] = False
     shape: ClassVar[str] = ""
-    cause: ClassVar[frozenset[str]] = frozenset({"sensor", "minus", "tau", "start"})
+    cause: ClassVar[frozenset[str]] = frozenset({"sensor", "minus", "tau", "initial", "start"})
 
     @property
     @abstractmethod
@@ -224,7 +226,7 @@ class Effect(BaseModel, ABC):
 
     def cost(self, scene: Scene) -> float:
         """Natural logarithm of the prior odds against it in a survey: unusual physics needs stronger evidence."""
-        return 0.0
+        return NOT_SETTLED if getattr(self, "initial", 0.0) else 0.0
 
     def positive(self, machine: Machine) -> str:
         """Meaning of a positive parameter, where it is not a rise of the motion in the parameter's name; else ""."""

@@ -10,15 +10,15 @@ from typing import Annotated, ClassVar
 
 from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import STEEL_EXPANSION, Lag, joint_as, lags, thermal, warmth
+from errormodel.effects.shared import STEEL_EXPANSION, Initial, Lag, joint_as, lags, thermal, warmth
 from errormodel.machine import Machine
 
 
 class ScaleExpansion(JointEffect):
     """``expansion * (position - anchor) * (temperature - 20)`` along the axis, in 1/K; positive: too long when warm.
 
-    `tau` (s) is the lag of the scale or screw behind the sensor, `minus` a sensor in place of 20 degC, `anchor` the
-    position (mm) at which the scale is fixed.
+    `tau` (s) is the lag of the scale or screw behind the sensor, `initial` (K) how much warmer than it it was in the
+    first row, `minus` a sensor in place of 20 degC, `anchor` the position (mm) at which the scale is fixed.
     """
 
     effect: ClassVar[str] = "scale-expansion"
@@ -31,6 +31,7 @@ class ScaleExpansion(JointEffect):
     sensor: str
     minus: str | None = None
     tau: Lag = 0.0
+    initial: Initial = 0.0
     anchor: Annotated[float, FIXED] = 0.0
 
     @classmethod
@@ -44,7 +45,7 @@ class ScaleExpansion(JointEffect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_as(machine, self.joint, "prismatic", self.effect)
-        growth = (channel(self.joint) - self.anchor) * warmth(channel, self.sensor, self.minus, self.tau)
+        growth = (channel(self.joint) - self.anchor) * warmth(channel, self.sensor, self.minus, self.tau, self.initial)
         return [EffectTerm(self.joint, "", "1/K", along(joint, growth), STEEL_EXPANSION)]
 
     @classmethod

@@ -23,6 +23,7 @@ from errormodel.machine import Joint, Machine, joint_of
 
 Positive = Annotated[float, Field(gt=0)]
 Lag = Annotated[float, Field(ge=0), ShapeParameter("s", said=False)]  # 0: none
+Initial = Annotated[float, ShapeParameter("K", place=True, searched=False, sampled=False, said=False)]
 Rotation = Literal["ea", "eb", "ec"]
 
 STEEL_EXPANSION = 12e-6  # coefficient of linear expansion of steel, 1/K
@@ -50,12 +51,15 @@ def joint_as(machine: Machine, name: str, kind: Literal["prismatic", "rotary"], 
     return joint
 
 
-def warmth(channel: Channels, sensor: str, minus: str | None = None, tau: float = 0.0) -> Value:
-    """Temperature of a sensor over 20 degC, or over the sensor `minus`, in K; both lagged by `tau` s (first order)."""
+def warmth(channel: Channels, sensor: str, minus: str | None = None, tau: float = 0.0, initial: float = 0.0) -> Value:
+    """Temperature of a sensor over 20 degC, or over the sensor `minus`, in K; both lagged by `tau` s (first order).
+
+    What follows the sensor was `initial` K warmer than it in the first row, which fades; 0: in equilibrium with it.
+    """
     here, there = (
         channel(f"lag({s},{tau:.6g})" if tau else s) if s else REFERENCE_TEMPERATURE for s in (sensor, minus)
     )
-    return here - there
+    return here - there + (initial * channel(f"initial({sensor},{tau:.6g})") if tau and initial else 0.0)
 
 
 def thermal(sensor: str, minus: str | None) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from typing import ClassVar, Literal
 from errormodel.conventions import MOTIONS, TOOL, TRANSLATIONS, Motion
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import Lag, each_motion, lags, outward, outward_words, thermal, warmth
+from errormodel.effects.shared import Initial, Lag, each_motion, lags, outward, outward_words, thermal, warmth
 from errormodel.machine import Machine, Shape
 
 
@@ -20,7 +20,8 @@ class SpindleGrowth(Effect):
     """``growth * (temperature - 20)`` along the tool, mm/K; positive: outward.
 
     `element` is the tool or the last member. `motion` replaces the direction of the tool, or with ``all`` a head moves
-    and tilts in each of its motions; `tau` (s) is the lag behind the sensor, `minus` a sensor in place of 20 degC.
+    and tilts in each of its motions; `tau` (s) is the lag behind the sensor, `initial` (K) how much warmer than it the
+    head was in the first row, `minus` a sensor in place of 20 degC.
     """
 
     effect: ClassVar[str] = "spindle-growth"
@@ -35,6 +36,7 @@ class SpindleGrowth(Effect):
     motion: Motion | Literal["all"] | None = None
     minus: str | None = None
     tau: Lag = 0.0
+    initial: Initial = 0.0
 
     @property
     def where(self) -> str:
@@ -46,10 +48,10 @@ class SpindleGrowth(Effect):
 
     def cost(self, scene: Scene) -> float:
         """Natural logarithm of the prior odds against it, unless the sensor's name says that it is the spindle's."""
-        return 0.0 if "spindle" in self.sensor.lower() else 4.0
+        return super().cost(scene) + (0.0 if "spindle" in self.sensor.lower() else 4.0)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        warm = warmth(channel, self.sensor, self.minus, self.tau)
+        warm = warmth(channel, self.sensor, self.minus, self.tau, self.initial)
         if self.motion == "all":
             motions = TRANSLATIONS if self.element == TOOL else MOTIONS
             return each_motion(self.element, motions, warm, (0.005, 5e-6), "/K")

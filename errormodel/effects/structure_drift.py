@@ -16,7 +16,7 @@ from errormodel.conventions import FRAME, MOTIONS, ROTATIONS, TRANSLATIONS, Moti
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.ops import Value
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import Lag, Positive, each_motion, lags, members, thermal, warmth
+from errormodel.effects.shared import Initial, Lag, Positive, each_motion, lags, members, thermal, warmth
 from errormodel.effects.travel import polynomials, scaled
 from errormodel.machine import Machine, Shape, Vector, joint_of
 
@@ -26,10 +26,11 @@ SIZES = 0.01, 1e-5  # usual ones per K, mm and rad
 class StructureDrift(Effect):
     """``drift * (temperature - 20)`` in one `motion` of a member, mm/K or rad/K, or with ``all`` in each of the six.
 
-    `tau` (s) is the member's lag behind the sensor, `minus` a sensor in place of 20 degC. At a joint, `order` lets the
-    drift vary along the travel in Legendre polynomials up to that degree (-1 to 1). `std` is the standard deviation of
-    a zero-mean prior, for several sensors that are nearly collinear. A rotation is `about` a point (mm, in the
-    reference's axes); without it about the element's own origin.
+    `tau` (s) is the member's lag behind the sensor, `initial` (K) how much warmer than it it was in the first row,
+    `minus` a sensor in place of 20 degC. At a joint, `order` lets the drift vary along the travel in Legendre
+    polynomials up to that degree (-1 to 1). `std` is the standard deviation of a zero-mean prior, for several sensors
+    that are nearly collinear. A rotation is `about` a point (mm, in the reference's axes); without it about the
+    element's own origin.
     """
 
     effect: ClassVar[str] = "structure-drift"
@@ -46,6 +47,7 @@ class StructureDrift(Effect):
     sensor: str
     minus: str | None = None
     tau: Lag = 0.0
+    initial: Initial = 0.0
     about: Vector | None = None
     order: int = Field(0, ge=0, le=5)
     std: Positive | None = None
@@ -69,7 +71,7 @@ class StructureDrift(Effect):
         return self.std is not None
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        warm = warmth(channel, self.sensor, self.minus, self.tau)
+        warm = warmth(channel, self.sensor, self.minus, self.tau, self.initial)
         if self.motion == "all":
             return each_motion(self.element, MOTIONS, warm, SIZES, "/K")
         unit = f"{unit_of(self.motion)}/K"

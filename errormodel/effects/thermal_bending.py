@@ -11,7 +11,7 @@ from typing import ClassVar
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import STEEL_EXPANSION, Lag, across, bending, joint_as, lags, thermal, warmth
+from errormodel.effects.shared import STEEL_EXPANSION, Initial, Lag, across, bending, joint_as, lags, thermal, warmth
 from errormodel.effects.travel import TRAVEL_ENDS, End, Translation
 from errormodel.machine import Machine
 
@@ -19,9 +19,10 @@ from errormodel.machine import Machine
 class ThermalBending(JointEffect):
     """``curvature * (T_sensor - T_minus) * u (L - u)/2`` across the axis, with its slope as an angle; 1/(mm K).
 
-    u is the position from the lower end of the travel, L the travel, `tau` (s) the beam's lag behind its sensors. A
-    second parameter is a slope beyond that of the deflection: guides follow the beam only approximately. A beam `held`
-    at one end of the travel only, as a column at its foot, is a cantilever: ``-u^2/2`` from there, and its slope.
+    u is the position from the lower end of the travel, L the travel, `tau` (s) the beam's lag behind its sensors and
+    `initial` (K) what it had more than their difference in the first row. A second parameter is a slope beyond that of
+    the deflection: guides follow the beam only approximately. A beam `held` at one end of the travel only, as a column
+    at its foot, is a cantilever: ``-u^2/2`` from there, and its slope.
     """
 
     effect: ClassVar[str] = "thermal-bending"
@@ -37,6 +38,7 @@ class ThermalBending(JointEffect):
     sensor: str
     minus: str | None = None
     tau: Lag = 0.0
+    initial: Initial = 0.0
     held: End | None = None
 
     @property
@@ -46,7 +48,7 @@ class ThermalBending(JointEffect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_as(machine, self.joint, "prismatic", self.effect)
         (low, high), q = joint.travel, channel(self.joint)
-        warm = warmth(channel, self.sensor, self.minus, self.tau)
+        warm = warmth(channel, self.sensor, self.minus, self.tau, self.initial)
         if self.held is not None:
             u = q - (low if self.held == "low" else high)
             cantilever = bending(joint, self.motion, -warm * u * u / 2, -warm * u)

@@ -13,14 +13,15 @@ import numpy as np
 
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import STEEL_EXPANSION, Lag, Rotation, lags, members, own_axes, thermal, warmth
+from errormodel.effects.shared import STEEL_EXPANSION, Initial, Lag, Rotation, lags, members, own_axes, thermal, warmth
 from errormodel.machine import Joint, Machine
 
 
 class ThermalSquareness(Effect):
     """``tilt * (temperature - 20)`` in one rotation of the member between two axes, rad/K.
 
-    `minus` is a sensor in place of 20 degC, `tau` (s) the member's lag behind the sensors.
+    `minus` is a sensor in place of 20 degC, `tau` (s) the member's lag behind the sensors, `initial` (K) what
+    it had more than these in the first row.
     """
 
     effect: ClassVar[str] = "thermal-squareness"
@@ -35,6 +36,7 @@ class ThermalSquareness(Effect):
     sensor: str
     minus: str | None = None
     tau: Lag = 0.0
+    initial: Initial = 0.0
 
     @property
     def where(self) -> str:
@@ -45,7 +47,7 @@ class ThermalSquareness(Effect):
         return thermal(self.sensor, self.minus)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        warm = warmth(channel, self.sensor, self.minus, self.tau)
+        warm = warmth(channel, self.sensor, self.minus, self.tau, self.initial)
         return [EffectTerm(self.element, "", "rad/K", {self.motion: warm}, STEEL_EXPANSION)]
 
     @classmethod

@@ -30,7 +30,7 @@ def _lags(chain: Chain) -> Iterator[tuple[int, str, str, float]]:
     """Lagged channels of a model: number, name, base channel and time constant, s."""
     for number, name in enumerate(chain.channels):
         call = DERIVED_CHANNEL.fullmatch(name)
-        if call and call[1] == "lag":
+        if call and call[1] in ("lag", "initial"):
             yield number, name, call[2], float(call[3])
 
 
@@ -56,12 +56,15 @@ def temperatures_of(chain: Chain, table: pd.DataFrame) -> dict[str, list[list[fl
 def continued(chain: Chain, recorded: Recorded, table: pd.DataFrame, columns: list[Array]) -> list[Array]:
     """The columns of commands, of which lagged channels go on from what was recorded before each, and between them.
 
-    Between two rows the temperature is taken to change evenly.
+    Between two rows the temperature is taken to change evenly. Of what differed from it in the recording's first row
+    nothing is left where the commands have no clock in common with it.
     """
     out, series = list(columns), _on_one_clock(chain, recorded, table)
     for number, name, base, _ in _lags(chain):
         if base in series:
             out[number] = channel(series[base], name)[-len(table) :]
+        elif name.startswith("initial("):
+            out[number] = np.zeros(len(table))
     return out
 
 

@@ -40,6 +40,18 @@ def test_a_member_that_moves_and_tilts(machine: Machine, survey: Survey) -> None
     assert (finding.effect, len(finding.motion)) == ("structure-drift", 6)
 
 
+def test_a_member_that_was_colder_than_its_sensor_at_first(machine: Machine, survey: Survey) -> None:
+    """A machine that was warming before the first row: the lag does not begin in equilibrium."""
+    options = {"element": "head", "motion": "dy", "sensor": "T_bed", "tau": 2500.0, "initial": -4.0}
+    shown = showing(survey, machine, [(EffectSpec("structure-drift", options), [0.009])], 0.003)
+    result = diagnose(machine, shown).diagnosis
+    (finding,) = result.findings
+    assert (finding.effect, finding.where) == ("structure-drift", "head")
+    assert "colder than it in the first row" in finding.statement
+    (parameter,) = finding.parameters
+    assert parameter.value == pytest.approx(0.009, abs=0.0015)
+
+
 def test_without_temperatures_it_warms_up(machine: Machine, survey: Survey) -> None:
     spec = EffectSpec("structure-drift", {"element": "column", "motion": "all", "sensor": "T_bed", "tau": 1500.0})
     shown = showing(survey, machine, [(spec, [0.003, -0.002, 0.001, 6e-6, -4e-6, 5e-6])], 0.003)

@@ -66,6 +66,27 @@ def test_commands_within_the_recording(chain: Chain) -> None:
     assert not list(started_anew(chain, recorded, some))
 
 
+def test_what_differed_in_the_first_row_fades() -> None:
+    """It is the solution of the lag's equation from another value; without the recording's clock nothing is left."""
+    options = {"element": "column", "motion": "dy", "sensor": "T_bed", "tau": 1800.0, "initial": -2.0}
+    chain = Chain(replace(read_machine("vertical_three_axis"), effects=(EffectSpec("structure-drift", options),)))
+    whole = warming(chain)
+    time, bed = whole["time"].to_numpy(), whole["T_bed"].to_numpy()
+    steps, state = np.linspace(time[0], time[-1], 200_001), [bed[0] - 2.0]
+    for warm in np.interp(steps[:-1], time, bed):
+        state.append(state[-1] + (warm - state[-1]) * (steps[1] - steps[0]) / 1800)
+    channels = dict(zip(chain.channels, chain.columns(whole), strict=True))
+    got = channels[LAG] - 2.0 * channels["initial(T_bed,1800)"]
+    np.testing.assert_allclose(got, np.interp(time, steps, state), atol=2e-3)
+    first, later = whole.iloc[:40], whole.iloc[40:].reset_index(drop=True)
+    number = chain.channels.index("initial(T_bed,1800)")
+    history = temperatures_of(chain, first)
+    both = continued(chain, history, later, chain.columns(later))
+    np.testing.assert_allclose(both[number], channels["initial(T_bed,1800)"][40:])
+    cold = later.assign(time=later["time"] - 8000.0)
+    assert not continued(chain, history, cold, chain.columns(cold))[number].any()
+
+
 def test_a_gap_that_is_longer_than_the_lag_is_said(chain: Chain) -> None:
     table = warming(chain)
     first, later = table.iloc[:50], table.iloc[50:].reset_index(drop=True)

@@ -112,7 +112,14 @@ def causes(effects: Sequence[Effect]) -> str:
             said = [f"the speeds of {', '.join(moving[:-1])}", moving[-1]]
         text = " and ".join(said) or "position"
         lags.setdefault(text, []).append(getattr(effect, "tau", None) or 0.0)
-    return " and ".join(f"{text}{_behind(text, taus)}" for text, taus in lags.items())
+    initial = "".join(map(_initial, effects))
+    return " and ".join(f"{text}{_behind(text, taus)}" for text, taus in lags.items()) + initial
+
+
+def _initial(effect: Effect) -> str:
+    """How far a member was from its sensor's temperature in the first row."""
+    excess = float(getattr(effect, "initial", 0.0))
+    return f", {abs(excess):.2g} K {'warmer' if excess > 0 else 'colder'} than it in the first row" if excess else ""
 
 
 def _behind(text: str, taus: Sequence[float]) -> str:

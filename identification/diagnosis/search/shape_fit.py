@@ -9,6 +9,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
+from errormodel.effects.shared import SLOWEST
 from identification.diagnosis.decisions.constants import ABSORBED, FORM_ABSORBED
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.linear_model import LinearModel
@@ -20,6 +21,8 @@ from identification.diagnosis.search.scoring import Step
 
 ROUNDED = 0.01  # log Bayes factor: round-off of scores from columns in single precision
 MOMENTS = 20  # places of a sudden change that are tried at a time
+FARTHEST = 1.0  # times the change of a sensor, that a member differs from it in the first row; by judgement
+MOST_TRIED = 60  # lags that did not begin in equilibrium
 MAYBE = 0.5  # of the best evidence
 
 
@@ -146,7 +149,40 @@ def _optimised(linear: LinearModel, proposal: Effect, family: Sequence[Effect], 
     if step is None or evidence > step.evidence - step.evidence_of_form + np.log(len(family)) + ROUNDED:
         # where the squares are least a size may be beyond what is usual
         step = scored(linear, proposal, len(family))
-    return step
+    return step and _not_settled(linear, step, family)
+
+
+def _not_settled(linear: LinearModel, step: Step, family: Sequence[Effect]) -> Step:
+    """The step with a member that did not have its sensor's temperature in the first row, where that is likelier.
+
+    What follows at once has no initial state. It differs by no more than `FARTHEST` of what the sensor changes: what a
+    sensor does not show has another cause.
+    """
+    from scipy.optimize import minimize
+
+    effect, sensor = step.effect, getattr(step.effect, "sensor", None)
+    tau = getattr(effect, "tau", None)
+    if not tau or "initial" not in type(effect).model_fields or effect.random or not linear.scene.duration:
+        return step
+    shortest = float(np.log(min([v for e in family if (v := getattr(e, "tau", 0.0))], default=tau)))
+    swing = float(np.ptp(linear.channel(str(sensor))))
+    longest = float(np.log(SLOWEST * linear.scene.duration))
+
+    def at(log_tau: float, share: float) -> Effect:
+        values = {"tau": float(f"{np.exp(log_tau):.6g}"), "initial": float(f"{share * swing:.4g}")}
+        return effect.model_copy(update=values)
+
+    def left(x: Array) -> float:
+        log_tau, share = x.tolist()
+        if not shortest <= log_tau <= longest or abs(share) > FARTHEST:
+            return float(linear.square)
+        return linear.square_with(at(log_tau, share))
+
+    middle = float(np.log(tau))
+    corners = np.array([[middle, 0.0], [max(middle - 0.5, shortest), 0.3], [max(middle - 0.5, shortest), -0.3]])
+    found = minimize(left, corners[0], method="Nelder-Mead", options={"initial_simplex": corners, "maxfev": MOST_TRIED})
+    other = scored(linear, at(*map(float, found.x)), len(family))
+    return other if other is not None and other.evidence > step.evidence else step
 
 
 def moment_between(x: Array, below: float, above: float, value: float, left: Callable[[float], float]) -> float:
