@@ -35,8 +35,8 @@ def clock_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
         more = ", and once more" if back.sum() > 1 else ""
         yield (
             f"column time: before row {number} the time goes back by {-steps.iloc[first]:.4g} s{more}; rows are taken "
-            "in the order of their times. If the clock was set back, give the rows behind a run of their own, or add "
-            "to their times what it lost"
+            "in the order of their times, but by `diagnose` where it finds that the clock was set back. If it was, "
+            "give the rows behind a run of their own, or add to their times what it lost"
         )
     joints = [j for j in machine.joints if np.isfinite(table[j.name]).all() and np.ptp(table[j.name]) > 0]
     if not joints:

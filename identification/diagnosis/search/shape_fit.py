@@ -9,7 +9,6 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
-from errormodel.effects.shared import SLOWEST
 from identification.diagnosis.decisions.constants import ABSORBED, FORM_ABSORBED
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.linear_model import LinearModel
@@ -155,8 +154,8 @@ def _optimised(linear: LinearModel, proposal: Effect, family: Sequence[Effect], 
 def _not_settled(linear: LinearModel, step: Step, family: Sequence[Effect]) -> Step:
     """The step with a member that did not have its sensor's temperature in the first row, where that is likelier.
 
-    What follows at once has no initial state. It differs by no more than `FARTHEST` of what the sensor changes: what a
-    sensor does not show has another cause.
+    What follows at once has no initial state, and what fades more slowly than the lags that are tried is any drift. It
+    differs by no more than `FARTHEST` of what the sensor changes: what a sensor does not show has another cause.
     """
     from scipy.optimize import minimize
 
@@ -164,9 +163,9 @@ def _not_settled(linear: LinearModel, step: Step, family: Sequence[Effect]) -> S
     tau = getattr(effect, "tau", None)
     if not tau or "initial" not in type(effect).model_fields or effect.random or not linear.scene.duration:
         return step
-    shortest = float(np.log(min([v for e in family if (v := getattr(e, "tau", 0.0))], default=tau)))
+    grid = [tau, *(v for e in family if (v := getattr(e, "tau", 0.0)))]
+    shortest, longest = float(np.log(min(grid))), float(np.log(max(grid)))
     swing = float(np.ptp(linear.channel(str(sensor))))
-    longest = float(np.log(SLOWEST * linear.scene.duration))
 
     def at(log_tau: float, share: float) -> Effect:
         values = {"tau": float(f"{np.exp(log_tau):.6g}"), "initial": float(f"{share * swing:.4g}")}
