@@ -15,7 +15,7 @@ from pydantic import Field
 
 from errormodel.arrays import rotation_matrix
 from errormodel.conventions import REFERENCE_TEMPERATURE, ROTATIONS, TRANSLATIONS, Motion, unit_of
-from errormodel.effects.base import Channels, EffectTerm, ShapeParameter
+from errormodel.effects.base import FIXED, Channels, EffectTerm, ShapeParameter
 from errormodel.effects.ops import Value, atan2, cos, cubics, exp, fmax, fmin, sin
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.exceptions import InputError
@@ -23,7 +23,7 @@ from errormodel.machine import Joint, Machine, joint_of
 
 Positive = Annotated[float, Field(gt=0)]
 Lag = Annotated[float, Field(ge=0), ShapeParameter("s", said=False)]  # 0: none
-Initial = Annotated[float, ShapeParameter("K", place=True, searched=False, sampled=False, said=False)]
+Initial = Annotated[float, FIXED]  # K; found with the lag that it belongs to
 Rotation = Literal["ea", "eb", "ec"]
 
 STEEL_EXPANSION = 12e-6  # coefficient of linear expansion of steel, 1/K
