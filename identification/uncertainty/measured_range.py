@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 RANGE_MARGIN_SHARE = 0.1  # extrapolation beyond the measured range, as a share of it, that gets no note; by judgement
 IDLE_KELVIN = 1.0  # of a temperature that nothing depends on, beyond which a machine moves by more than noise
 FULL_TURN_DEG = 324.0  # range of a rotary joint, 90 % of a turn, from which nothing counts as outside; by judgement
+_BY_THE_CLOCK = ("lag(", "initial(", "rate(")  # channels that follow from the times of the rows, too
 # Prefixes of channels that have no range, or whose unidentified share is in the uncertainty of `predict`
 _UNRANGED_PREFIXES = ("dir_", "run(", "point_", "tool_")
 
@@ -50,6 +51,8 @@ def beyond_notes(chain: Chain, ranges: Mapping[str, list[float]], table: pd.Data
     table = outward(table, chain.machine)
     kinds = {j.name: j.type for j in chain.machine.joints}
     acting = {*kinds, *map(root, chain.channels)}
+    if any(name.startswith(_BY_THE_CLOCK) for name in chain.channels):
+        acting.add("time")
     for name, (low, high) in ranges.items():
         if name not in table or (kinds.get(name) == "rotary" and high - low >= FULL_TURN_DEG):
             continue

@@ -70,6 +70,21 @@ def test_a_temperature_that_never_was_is_named(tmp_path: Path) -> None:
         assert ("5 points lie beyond what was measured of T_spindle, 20 to 30 degC" in err) == named
 
 
+def test_a_lag_depends_on_times(tmp_path: Path) -> None:
+    machine = _mill_with(tmp_path, "[{effect: structure-drift, element: column, motion: dy, sensor: T_bed, tau: 900}]")
+    done("simulate", MILL, 60, "--out", tmp_path / "poses.csv")
+    poses = pd.read_csv(tmp_path / "poses.csv").drop(columns=XYZ)
+    seen = poses.assign(T_bed=np.linspace(20, 30, 60), time=np.linspace(0, 3600, 60))
+    seen.to_csv(tmp_path / "c.csv", index=False)
+    done("simulate", machine, tmp_path / "c.csv", "--noise", 0.002, "--out", tmp_path / "s.csv")
+    done("fit", machine, tmp_path / "s.csv", "--out", tmp_path / "fit")
+    seen.iloc[:5].assign(time=np.linspace(9000, 9400, 5)).to_csv(tmp_path / "p.csv", index=False)
+    err = done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
+    assert "beyond what was measured of time, 0 to 3600 s" in err
+    assert "carried on unproven" in err
+    assert "nothing in the model depends" not in err
+
+
 def test_what_a_lag_had_come_to_is_in_the_files_of_a_fit(tmp_path: Path) -> None:
     """Later commands are predicted as rows of the same recording would be; at earlier times it is said that not."""
     machine = _mill_with(tmp_path, "[{effect: structure-drift, element: column, motion: dy, sensor: T_bed, tau: 1800}]")
