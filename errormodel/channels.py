@@ -240,9 +240,8 @@ def lag(table: pd.DataFrame, name: str, tau: float) -> Array:
     """
     values, time = channel(table, name), channel(table, "time")
     out = values.copy()
-    for rows in _by_label(clocks(table, name)):
-        if np.ptp(time[rows]) > 0:
-            out[rows] = lagged(time[rows], values[rows], tau)
+    for rows in _by_clock(table, name):
+        out[rows] = lagged(time[rows], values[rows], tau)
     return out
 
 
@@ -253,10 +252,15 @@ def initial(table: pd.DataFrame, name: str, tau: float) -> Array:
     """
     time = channel(table, "time")
     out = np.zeros(len(time))
-    for rows in _by_label(clocks(table, name)):
-        if np.ptp(time[rows]) > 0:
-            out[rows] = np.exp(-(time[rows] - time[rows].min()) / tau)
+    for rows in _by_clock(table, name):
+        out[rows] = np.exp(-(time[rows] - time[rows].min()) / tau)
     return out
+
+
+def _by_clock(table: pd.DataFrame, name: str) -> list[Index]:
+    """Indices of the rows of each clock of a column (`clocks`) that runs; rows at one time are no series."""
+    time = channel(table, "time")
+    return [rows for rows in _by_label(clocks(table, name)) if np.ptp(time[rows]) > 0]
 
 
 def lagged(time: Array, values: Array, tau: float) -> Array:
@@ -295,8 +299,5 @@ def play(table: pd.DataFrame, name: str, width: float) -> Array:
     return left
 
 
-_DERIVED = {
-    "lag": lag,
-    "initial": initial,
-    "play": play,
-}  # functions of the derived channels: (table, name, number) to values (n,)
+# functions of the derived channels: (table, name, number) to values (n,)
+_DERIVED = {"lag": lag, "initial": initial, "play": play}

@@ -94,10 +94,10 @@ class Effect(BaseModel, ABC):
     All that others know of an effect stands on its class; what has a default here need not be given. Fields of these
     names mean the same in every effect, and findings put them in words: ``period`` (mm or rad; a property will do) of
     what repeats, ``at`` and ``width`` of a place, ``edge`` of a switch, ``sensor`` and ``minus`` of a temperature and
-    what it is the excess over, ``tau`` of a lag (s), ``motion`` of the error motion that moves, ``load_joint`` or
-    ``by`` of a second channel. ``within`` and ``spread`` stand at what a diagnosis found without a name
-    (`errormodel.effects.best_prediction`): the range of each channel (internal units) in which it was recorded, and the
-    standard deviation (mm, rad) of each element's motion there.
+    what it is the excess over, ``tau`` of a lag (s), ``initial`` of what it began with (K), ``motion`` of the error
+    motion that moves, ``load_joint`` or ``by`` of a second channel. ``within`` and ``spread`` stand at what a diagnosis
+    found without a name (`errormodel.effects.best_prediction`): the range of each channel (internal units) in which it
+    was recorded, and the standard deviation (mm, rad) of each element's motion there.
 
     Attributes
     ----------

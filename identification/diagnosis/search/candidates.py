@@ -63,7 +63,7 @@ class Candidates:
     _known: OrderedDict[Lineage, Scored] = field(default_factory=OrderedDict, repr=False)
     _products: list[KnownProducts] = field(default_factory=list, repr=False)  # the one that was last used
     _begun: Latest = field(default_factory=partial(Latest, BEGUN_BYTES), repr=False)
-    _costs: list[tuple[Array, Array]] = field(default_factory=list, repr=False)  # none yet, or one
+    _survey: list[tuple[Array, Array]] = field(default_factory=list, repr=False)  # none yet, or one
 
     @classmethod
     def of(cls, linear: LinearModel, effects: Sequence[Effect] | None = None) -> Candidates:
@@ -133,7 +133,7 @@ class Candidates:
     def branch(self) -> Candidates:
         """A copy for an independent search, so that the order of searches does not change how scores are rounded."""
         parts = tuple(part.branch() for part in self.parts)
-        known = self._known.copy(), self._products.copy(), self._begun.copy(), self._costs
+        known = self._known.copy(), self._products.copy(), self._begun.copy(), self._survey
         return Candidates(self.effects, self.blocks, self.keys, parts, *known)
 
     def learn(self, branch: Candidates) -> None:
@@ -174,9 +174,9 @@ class Candidates:
 
     def _in_survey(self, scene: Scene) -> tuple[Array, Array]:
         """Of each proposal its cost and changing share, in the survey that all of them are of."""
-        if not self._costs:
-            self._costs.append((np.array([e.cost(scene) for e in self.effects]), changing_shares(self.effects, scene)))
-        return self._costs[0]
+        if not self._survey:
+            self._survey.append((np.array([e.cost(scene) for e in self.effects]), changing_shares(self.effects, scene)))
+        return self._survey[0]
 
     @cached_property
     def _alike(self) -> list[AlikeBlocks]:

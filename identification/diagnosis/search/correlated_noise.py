@@ -33,10 +33,10 @@ def evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tu
 def _evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tuple[float, float]]:
     from scipy.special import logsumexp
 
-    changing = [main.changing(linear.scene) for main, *_ in groups]
     sizes = [np.concatenate([linear.columns(e)[1] for e in group]) for group in groups]  # usual ones
     ends = np.cumsum([0, *map(len, sizes)]).tolist()
     mains = [main for main, *_ in groups]
+    changing = [main.changing(linear.scene) for main in mains]
     kinds: dict[tuple[bool, int, int], list[int]] = {}
     for k, main in enumerate(mains):
         kinds.setdefault((main.random, len(groups[k]), len(sizes[k])), []).append(k)

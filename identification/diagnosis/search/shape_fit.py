@@ -20,7 +20,6 @@ from identification.diagnosis.search.scoring import Step
 
 ROUNDED = 0.01  # log Bayes factor: round-off of scores from columns in single precision
 MOMENTS = 20  # places of a sudden change that are tried at a time
-FARTHEST = 1.0  # times the change of a sensor, that a member differs from it in the first row; by judgement
 MOST_TRIED = 60  # lags that did not begin in equilibrium
 MAYBE = 0.5  # of the best evidence
 
@@ -155,32 +154,29 @@ def _not_settled(linear: LinearModel, step: Step, family: Sequence[Effect]) -> S
     """The step with a member that did not have its sensor's temperature in the first row, where that is likelier.
 
     What follows at once has no initial state, and what fades more slowly than the lags that are tried is any drift. It
-    differs by no more than `FARTHEST` of what the sensor changes: what a sensor does not show has another cause.
+    differs by no more than the sensor changes in the recording: what a sensor does not show has another cause.
     """
     from scipy.optimize import minimize
 
-    effect, sensor = step.effect, getattr(step.effect, "sensor", None)
-    tau = getattr(effect, "tau", None)
+    effect, tau = step.effect, getattr(step.effect, "tau", None)
     if not tau or "initial" not in type(effect).model_fields or effect.random or not linear.scene.duration:
         return step
     grid = [tau, *(v for e in family if (v := getattr(e, "tau", 0.0)))]
     shortest, longest = float(np.log(min(grid))), float(np.log(max(grid)))
-    swing = float(np.ptp(linear.channel(str(sensor))))
+    swing = float(np.ptp(linear.channel(effect.drivers[0])))
 
-    def at(log_tau: float, share: float) -> Effect:
-        values = {"tau": float(f"{np.exp(log_tau):.6g}"), "initial": float(f"{share * swing:.4g}")}
+    def at(x: Array) -> Effect:
+        values = {"tau": float(f"{np.exp(x[0]):.6g}"), "initial": float(f"{x[1] * swing:.4g}")}
         return effect.model_copy(update=values)
 
     def left(x: Array) -> float:
-        log_tau, share = x.tolist()
-        if not shortest <= log_tau <= longest or abs(share) > FARTHEST:
-            return float(linear.square)
-        return linear.square_with(at(log_tau, share))
+        inside = shortest <= x[0] <= longest and abs(x[1]) <= 1
+        return linear.square_with(at(x)) if inside else linear.square
 
     middle = float(np.log(tau))
     corners = np.array([[middle, 0.0], [max(middle - 0.5, shortest), 0.3], [max(middle - 0.5, shortest), -0.3]])
     found = minimize(left, corners[0], method="Nelder-Mead", options={"initial_simplex": corners, "maxfev": MOST_TRIED})
-    other = scored(linear, at(*map(float, found.x)), len(family))
+    other = scored(linear, at(found.x), len(family))
     return other if other is not None and other.evidence > step.evidence else step
 
 
