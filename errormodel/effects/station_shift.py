@@ -6,12 +6,14 @@ Six motions of the measuring frame, mm and rad.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Annotated, ClassVar, Self
 
 from pydantic import model_validator
 
 from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS
 from errormodel.effects.base import MOMENT, Channels, Effect, EffectTerm, ShapeParameter
+from errormodel.effects.families import Traits
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import each_motion, in_runs, moments, run_channels, since, switched
 from errormodel.machine import Machine
@@ -49,6 +51,10 @@ class StationShift(Effect):
         if sum(v is not None for v in (self.at, self.row, self.run)) != 1:
             raise ValueError("a station shift has one of a time, at: 1800, a row, row: 120, or a run, run: 2")
         return self
+
+    @classmethod
+    def traits(cls) -> Traits:
+        return replace(super().traits(), form_uncertainty=0.0)  # of a rigid body that was moved the form is exact
 
     @property
     def where(self) -> str:

@@ -98,6 +98,7 @@ class _OtherConstant(_Part):
     value: Annotated[Number, Field(gt=0)]
     weight: Annotated[Number, Field(ge=0, le=1)]
     parameters: dict[str, Number]
+    initial: Number | None = None
 
 
 class FitFile(_Part):

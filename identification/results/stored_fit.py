@@ -123,7 +123,9 @@ def read_files(folder: Path) -> StoredFit:
             float(data.get("coverage", 1.0)),
             1e-3 * float(data.get("systematic_um", 0.0)),
             tuple(
-                OtherConstant(o["effect"], o["name"], float(o["value"]), float(o["weight"]), o["parameters"])
+                OtherConstant(
+                    o["effect"], o["name"], float(o["value"]), float(o["weight"]), o["parameters"], o.get("initial")
+                )
                 for o in data.get("time_constants", [])
             ),
         )

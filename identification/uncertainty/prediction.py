@@ -37,6 +37,7 @@ from identification.uncertainty.recording_end import (
 from identification.uncertainty.time_constants import OtherConstant, with_other_constants
 from identification.uncertainty.unknown_rests import rested, with_other_use
 from identification.uncertainty.unknown_sides import midway
+from identification.uncertainty.unknown_temperatures import with_unknown_temperatures
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -94,6 +95,10 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
         return _predict_rows(own, _channels(own, points), labels)
 
     out = with_other_constants(fit.others, out, with_constant)
+    recorded = fit.data.get("temperatures", {})
+    out = with_unknown_temperatures(
+        fit.chain, recorded, points.table, channels, labels, out, partial(_predict_rows, fit)
+    )
     out = midway(fit.chain, points.table, channels, labels, out, partial(_predict_rows, fit))
     out = with_other_use(fit.chain, channels, labels, out, partial(_predict_rows, fit))
     out = perhaps_at_rest(fit.chain, points.table, channels, labels, out, partial(_predict_rows, fit))

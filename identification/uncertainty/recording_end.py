@@ -26,7 +26,7 @@ MOST_TIMES = 200  # of a recording that are kept: a time constant is seldom as s
 Recorded = Mapping[str, Sequence[Sequence[float]]]  # of each sensor that acts late: times (s), temperatures (degC)
 
 
-def _lags(chain: Chain) -> Iterator[tuple[int, str, str, float]]:
+def lags(chain: Chain) -> Iterator[tuple[int, str, str, float]]:
     """Lagged channels of a model: number, name, base channel and time constant, s."""
     for number, name in enumerate(chain.channels):
         call = DERIVED_CHANNEL.fullmatch(name)
@@ -36,7 +36,7 @@ def _lags(chain: Chain) -> Iterator[tuple[int, str, str, float]]:
 
 def _sensors(chain: Chain) -> list[str]:
     """Base channels that act late in a model, each once."""
-    return list(dict.fromkeys(base for _, _, base, _ in _lags(chain)))
+    return list(dict.fromkeys(base for _, _, base, _ in lags(chain)))
 
 
 def temperatures_of(chain: Chain, table: pd.DataFrame) -> dict[str, list[list[float]]]:
@@ -59,8 +59,8 @@ def continued(chain: Chain, recorded: Recorded, table: pd.DataFrame, columns: li
     Between two rows the temperature is taken to change evenly. Of what differed from it in the recording's first row
     nothing is left where the commands have no clock in common with it.
     """
-    out, series = list(columns), _on_one_clock(chain, recorded, table)
-    for number, name, base, _ in _lags(chain):
+    out, series = list(columns), on_one_clock(chain, recorded, table)
+    for number, name, base, _ in lags(chain):
         if base in series:
             out[number] = channel(series[base], name)[-len(table) :]
         elif name.startswith("initial("):
@@ -68,7 +68,7 @@ def continued(chain: Chain, recorded: Recorded, table: pd.DataFrame, columns: li
     return out
 
 
-def _on_one_clock(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> dict[str, pd.DataFrame]:
+def on_one_clock(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Of each sensor that acts late what was recorded and the commands after it, where they have a clock in common."""
     series = {base: _joined(recorded.get(base), table, base) for base in _sensors(chain)}
     return {base: both for base, both in series.items() if both is not None}
@@ -95,7 +95,7 @@ def _joined(recorded: Sequence[Sequence[float]] | None, table: pd.DataFrame, bas
 
 def started_anew(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> Iterator[str]:
     """A note on lagged channels that do not go on from the recording: they start in equilibrium."""
-    series = _on_one_clock(chain, recorded, table)
+    series = on_one_clock(chain, recorded, table)
     if names := [base for base in _sensors(chain) if base not in series]:
         yield (
             f"{', '.join(names)} acts late, and what it was before the first row is not known: it is "
@@ -106,15 +106,15 @@ def started_anew(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> Itera
 
 def after_gaps(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> Iterator[str]:
     """Notes on temperatures that act late, and that nothing tells of for longer than they do before the first row."""
-    series, longer = _on_one_clock(chain, recorded, table), dict[str, tuple[float, float]]()
-    for _, _, base, tau in _lags(chain):
+    series, longer = on_one_clock(chain, recorded, table), dict[str, tuple[float, float]]()
+    for _, _, base, tau in lags(chain):
         if base in series and (gap := channel(table, "time").min() - max(recorded[base][0])) > tau:
             longer.setdefault(base, (gap, tau))
     for base, (gap, tau) in longer.items():
         yield (
             f"{base} acts {tau / 60:.3g} min late, and what it was in the {gap / 3600:.2g} h between the recording "
-            "and the first row is not known: it is taken to have changed evenly, which is not in the uncertainty. "
-            "Add rows with its temperatures in between"
+            "and the first row is not known: it is taken to have changed evenly. The uncertainty has how far not "
+            "by what was recorded. Add rows with its temperatures in between"
         )
 
 

@@ -24,6 +24,7 @@ class OtherConstant:
     effect : number of the effect in the machine.
     name : of its field; `value`, s; `weight`: the probability of those that it stands for.
     parameters : all parameters by name, fitted with it: mm, rad, and as their effects have them.
+    initial : K warmer than its sensor the member was in the first row, with this constant; None: as in the machine.
     """
 
     effect: int
@@ -31,11 +32,14 @@ class OtherConstant:
     value: float
     weight: float
     parameters: Mapping[str, float]
+    initial: float | None = None
 
     def machine(self, machine: Machine) -> Machine:
-        """The machine with that time constant."""
+        """The machine with that time constant, and what the lag began with."""
         effects = [*machine.effects]
         options = {**effects[self.effect].options, self.name: self.value}
+        if self.initial is not None:
+            options["initial"] = self.initial
         effects[self.effect] = EffectSpec(effects[self.effect].effect, options)
         return replace(machine, effects=tuple(effects))
 

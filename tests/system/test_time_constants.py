@@ -42,6 +42,33 @@ def test_later_than_the_recording(tau: float, hours: float, known: bool, tmp_pat
     assert u["uy"] < 0.12
 
 
+def test_a_member_that_was_behind_in_the_first_row(tmp_path: Path) -> None:
+    """Where a recording does not show whether its lag began in equilibrium, later uncertainties have both."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 800, 5, channels=False, grid=False)
+    time = np.linspace(-3600, 21600, 800)
+    warm = 8 * (1 - np.exp(-(time + 3600) / 2400))
+    bed = 20 + warm * np.exp(-np.maximum(time - 7200, 0) / 2400)  # on for three hours: the recording has the last two
+    survey = replace(survey, table=survey.table.assign(time=time, T_bed=bed))
+    spec = EffectSpec("scale-expansion", {"joint": "X", "sensor": "T_bed", "tau": 3600.0})
+    whole = showing(survey, machine, [(spec, [5e-6])], 0.003)
+    first, later = (
+        replace(whole, table=whole.table[rows].reset_index(drop=True))
+        for rows in ((time >= 0) & (time < 7200), time >= 7200)
+    )
+    diagnosed = diagnose(machine, first)
+    assert [f.effect for f in diagnosed.diagnosis.findings] == ["scale-expansion"]
+    store.save(diagnosed.final, tmp_path)
+    fit = store.load(tmp_path)
+    assert fit.others == diagnosed.final.others
+    assert any((other.initial or 0.0) < -1.0 and other.value > 1800 for other in fit.others)
+    settled = replace(fit, others=tuple(other for other in fit.others if other.initial is None))
+    out, without = (np.sqrt(np.square(predicted(f, later)[UNCERTAINTY]).mean()) for f in (fit, settled))
+    error = np.sqrt(np.square(predicted(fit, later)["mx"] - later.table["mx"]).mean())
+    assert error < 2.5 * out["ux"]
+    assert error > 2.5 * without["ux"]
+
+
 def test_a_machine_without_the_effect_is_refused(tmp_path: Path) -> None:
     """A folder whose machine was edited: said, and no traceback."""
     done("simulate", MILL, 60, "--noise", 0.002, "--out", tmp_path / "s.csv")

@@ -16,10 +16,14 @@ from identification.estimation.result import Fit
 
 
 def with_form(final: Fit, model: EffectModel, first: int) -> Fit:
-    """The fit with the discrepancy of the effects' forms in its covariance; effects from `first` on are the model's."""
+    """The fit with the discrepancy of the effects' forms in its covariance; effects from `first` on are the model's.
+
+    Where an effect's size differs from what was fitted, the other parameters follow it as they would if they were
+    fitted with that size: what is alike in all rows is the geometry's, and only what changes is uncertain.
+    """
     solution = final.solution
     place = {solution.unknowns[j]: k for k, j in enumerate(solution.groups.base)}
-    more = np.zeros(len(place))
+    covariance = solution.covariance
     for group in model.findings:
         ids = [final.chain.effect_ids[first + model.steps.index(step)] for step in group]
         names = [name for own in ids for name in own]
@@ -30,18 +34,22 @@ def with_form(final: Fit, model: EffectModel, first: int) -> Fit:
         # two lags that nearly cancel are each much larger than their sum: the uncertainty is that of the sum
         alone = np.sum(sizes**2 * np.sum(columns**2, axis=1))
         part = np.sum((sizes @ columns) ** 2) / alone if alone else 0.0
-        for name, variance in zip(names, part * (relative * sizes) ** 2, strict=True):
-            if name in place:
-                more[place[name]] = variance
-    return replace(final, solution=replace(solution, covariance=solution.covariance + np.diag(more)))
+        kept = [k for k, name in enumerate(names) if name in place]
+        base = [place[names[k]] for k in kept]
+        following = np.linalg.solve(solution.covariance[np.ix_(base, base)], solution.covariance[base])
+        deviations = (np.sqrt(part) * relative * np.abs(sizes))[kept, None] * following
+        covariance = covariance + deviations.T @ deviations
+    return replace(final, solution=replace(solution, covariance=covariance))
 
 
 def _relative(step: Step) -> float:
-    """Standard uncertainty of the form, of the effect's size."""
+    """Standard uncertainty of the form, of the effect's size. A moment changes what lies between two rows only."""
     effect = step.effect
     if effect.random:  # bends to any form
         return 0.0
-    shapes = sum(bool(getattr(effect, name)) for name, kind in effect.shapes().items() if kind.searched)
+    shapes = sum(
+        bool(getattr(effect, name)) for name, kind in effect.shapes().items() if kind.searched and not kind.sudden
+    )
     return float(
         np.hypot(effect.traits().form_uncertainty, np.sqrt(shapes / max(step.delta_chi2, 10.0 * (shapes + 1))))
     )

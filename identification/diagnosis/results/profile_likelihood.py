@@ -7,12 +7,14 @@ section 3.4, of the profile likelihood).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from errormodel.effects.base import Effect
+from identification.diagnosis.results.initial_states import initial_states
 from identification.diagnosis.search.candidates import WIDEST
 from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.scoring import Step
@@ -37,41 +39,51 @@ def other_constants(final: Fit, model: EffectModel, first: int) -> tuple[OtherCo
     for number, step in enumerate(model.steps):
         if step.parent is not None:  # a further lag corrects the form of a first one
             continue
-        for name in _time_constants(step.effect, final):
-            for ratio, weight in _sides(_rise(final, model, step, name)):
-                value = float(getattr(step.effect, name)) * ratio
-                trial = OtherConstant(first + number, name, value, weight, {})
-                other = fit_machine(trial.machine(final.chain.machine), final.survey, effect_sizes=WIDEST)
-                out.append(replace(trial, parameters=other.solution.named()))
+        if not (names := _time_constants(step.effect, final)):
+            continue
+        rise, trials = _rise(final, model, step), []
+        for name in names:
+            for value, weight in _sides(float(getattr(step.effect, name)), partial(_with, rise, name)):
+                trials.append(OtherConstant(first + number, name, value, weight, {}))
+        for tau, initial, weight in initial_states(model, step.effect, rise):
+            trials.append(OtherConstant(first + number, "tau", tau, weight, {}, initial))
+        for trial in trials:
+            other = fit_machine(trial.machine(final.chain.machine), final.survey, effect_sizes=WIDEST)
+            out.append(replace(trial, parameters=other.solution.named()))
     return tuple(out)
 
 
-def _sides(rise: Callable[[float], float]) -> Iterator[tuple[float, float]]:
-    """Ratios to the likeliest and probabilities of what lies below and above it; none where it is well known.
+def _sides(best: float, rise: Callable[[float], float]) -> Iterator[tuple[float, float]]:
+    """Values and probabilities of what lies below and above the likeliest; none where it is well known.
 
     Parameters
     ----------
-    rise : of chi-squared with the logarithm of the ratio.
+    rise : of chi-squared with the value.
     """
-    if min(rise(-2 * SURE), rise(2 * SURE)) > CLEAR:
-        return
     logarithm = SURE * np.arange(-STEPS, STEPS + 1)
-    likelihood = np.exp(-0.5 * np.array([max(rise(x), 0.0) for x in logarithm.tolist()]))
+    values = (best * np.exp(logarithm)).tolist()
+    if min(rise(values[STEPS - 2]), rise(values[STEPS + 2])) > CLEAR:
+        return
+    likelihood = np.exp(-0.5 * np.array([max(rise(x), 0.0) for x in values]))
     for own in (logarithm < 0, logarithm > 0):
         mass = likelihood[own].sum()
         ratio = np.exp(np.sign(logarithm[own][0]) * np.sqrt(np.sum(likelihood[own] * logarithm[own] ** 2) / mass))
-        yield float(ratio), float(mass / likelihood.sum())
+        yield best * float(ratio), float(mass / likelihood.sum())
 
 
-def _rise(final: Fit, model: EffectModel, step: Step, name: str) -> Callable[[float], float]:
-    """Rise of chi-squared with the logarithm of a time constant's ratio to that of the step."""
-    beside, value = model.without([step]), float(getattr(step.effect, name))
+def _with(rise: Callable[[Mapping[str, float]], float], name: str, value: float) -> float:
+    """The rise where one field has another value."""
+    return rise({name: value})
+
+
+def _rise(final: Fit, model: EffectModel, step: Step) -> Callable[[Mapping[str, float]], float]:
+    """Rise of chi-squared where fields of the step's effect have other values."""
+    beside = model.without([step])
     rows = len(final.survey) / max(len(np.unique(model.start.index)), 1)  # that each row of the linear model stands for
     variance, least = model.linear.square / model.linear.freedom / rows, beside.square_with(step.effect)
 
-    def rise(x: float) -> float:
-        other = step.effect.model_copy(update={name: value * float(np.exp(x))})
-        return (beside.square_with(other) - least) / variance
+    def rise(values: Mapping[str, float]) -> float:
+        return (beside.square_with(step.effect.model_copy(update=dict(values))) - least) / variance
 
     return rise
 

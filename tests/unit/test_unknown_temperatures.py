@@ -1,0 +1,43 @@
+"""How far a lag is led astray by temperatures between commands: as far as it is, over many recordings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from errormodel.channels import lagged
+from identification.uncertainty.unknown_temperatures import led_astray
+
+
+@pytest.mark.parametrize("hours", [0.5, 1.0, 3.0])
+@pytest.mark.parametrize("tau", [300.0, 1800.0])
+def test_the_stated_deviation_is_that_of_the_lag(hours: float, tau: float) -> None:
+    """Temperatures that wander about a level (Ornstein-Uhlenbeck): recorded for six hours, then every so many hours."""
+    rng, step = np.random.default_rng(2), 60.0
+    wrong, stated = [], []
+    for _ in range(40):
+        time = np.arange(0, 24 * 3600, step)
+        keep = np.exp(-step / 1800)
+        shocks = rng.normal(0, np.sqrt(1 - keep**2), len(time))
+        bed = lfilter([1.0], [1.0, -keep], shocks)
+        known = time < 6 * 3600
+        later = np.arange((6 + hours) * 3600, 24 * 3600, hours * 3600)
+        truth = np.interp(later, time, lagged(time, bed, tau))
+        both = np.append(time[known], later)
+        taken = lagged(both, np.interp(both, time, bed), tau)[known.sum() :]
+        wrong.append(taken - truth)
+        stated.append(led_astray(time[known], bed[known], later, tau))
+    ratio = np.sqrt(np.mean(np.square(wrong)) / np.mean(np.square(stated)))
+    assert 0.75 < ratio < 1.33
+    assert np.mean(np.abs(wrong) > 2 * np.array(stated)) < 0.12
+
+
+def test_nothing_is_uncertain_where_temperatures_change_evenly_or_were_recorded() -> None:
+    time = np.linspace(0, 7200, 200)
+    bed = 20 + time / 1800
+    assert led_astray(time, bed, np.array([7300.0, 20000.0, 90000.0]), 1200.0) == pytest.approx(0.0, abs=1e-9)
+    wave = 20 + np.sin(time / 300)
+    within = led_astray(time, wave, time[40:60], 1200.0)
+    after = led_astray(time, wave, np.array([7200.0 + 3600.0]), 1200.0)
+    assert within.max() < 0.01 * after[0]
