@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import permutations
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from errormodel.conventions import ROTATIONS, TRANSLATIONS, Motion, unit_of
+from errormodel.conventions import MOTIONS, ROTATIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.ops import cos, sin
 from errormodel.effects.search_space.survey_summary import Scene
@@ -31,7 +31,8 @@ PARALLEL_COSINE = 1 - 1e-6
 class CrossAxisCompliance(JointEffect):
     """`motion` (mm, rad) in Legendre polynomials of the `other` joint's travel (-1 to 1), or in harmonics of its angle.
 
-    With `along` a product term adds compliance that differs along the joint's own travel.
+    With `along` a product term adds compliance that differs along the joint's own travel. With motion ``all`` each of
+    the six moves, as of a carriage that is pressed aside and tilts: each polynomial then has its product.
     """
 
     effect: ClassVar[str] = "cross-axis-compliance"
@@ -42,7 +43,7 @@ class CrossAxisCompliance(JointEffect):
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "motion": "ec", "other": "Y"}
     flexible: ClassVar[bool] = True
 
-    motion: Motion
+    motion: Motion | Literal["all"]
     other: str
     degree: int = Field(2, ge=1, le=5)
     along: bool = False  # compliance differs along the joint's own travel
@@ -59,8 +60,16 @@ class CrossAxisCompliance(JointEffect):
             shapes = {f"{name}{k}": f(k * q) for k in orders for name, f in (("sin", sin), ("cos", cos))}
         else:
             shapes = {str(k): legendre(k, scaled(other, q)) for k in orders}
+        own = scaled(joint, channel(self.joint)) if self.along else None
+        if self.motion == "all":
+            products = {f"along{k}": v * own for k, v in shapes.items()} if self.along else {}
+            return [
+                EffectTerm(self.joint, label, unit_of(m), {m: value}, 0.02 if m in TRANSLATIONS else 1e-4)
+                for label, value in (shapes | products).items()
+                for m in MOTIONS
+            ]
         if self.along:
-            shapes["along"] = next(iter(shapes.values())) * scaled(joint, channel(self.joint))
+            shapes["along"] = next(iter(shapes.values())) * own
         unit, size = unit_of(self.motion), 0.02 if self.motion in TRANSLATIONS else 1e-4
         return [EffectTerm(self.joint, label, unit, {self.motion: value}, size) for label, value in shapes.items()]
 
@@ -76,3 +85,6 @@ class CrossAxisCompliance(JointEffect):
             for motion in (*turned, *ROTATIONS):
                 for degree, along in COMPLIANCE_SHAPES[other.type]:
                     yield cls(joint=joint.name, motion=motion, other=other.name, degree=degree, along=along)
+            if joint.type == other.type == "prismatic":
+                for degree in (1, 2, 3):
+                    yield cls(joint=joint.name, motion="all", other=other.name, degree=degree, along=True)

@@ -8,7 +8,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import ClassVar
+from typing import ClassVar, Self
+
+from pydantic import model_validator
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.search_space.survey_summary import Scene
@@ -24,7 +26,8 @@ class GantryRacking(JointEffect):
     """Yaw of `joint` (rad) per unit of `channel`.
 
     `channel` is a record of the two drives (``w_...``), or without one the joint across (-1 to 1 over its travel) or
-    the direction of approach ``dir_<joint>``.
+    the direction of approach ``dir_<joint>``: friction drags the bridge askew, and in a second parameter the more, the
+    farther `by`, the joint across, has its carriage from the middle (-1 to 1 over its travel).
     """
 
     effect: ClassVar[str] = "gantry-racking"
@@ -36,14 +39,21 @@ class GantryRacking(JointEffect):
 
     channel: str  # w_<name>, w_sync_<joint>; without a record of the drives the joint across, or dir_<joint>
     motion: Rotation = "ec"
+    by: str | None = None
+
+    @model_validator(mode="after")
+    def _of_friction(self) -> Self:
+        if self.by is not None and not self.channel.startswith("dir_"):
+            raise ValueError("by is the joint whose carriage friction holds back: with channel: dir_X only")
+        return self
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return (self.channel,)
+        return (self.channel, self.by) if self.by else (self.channel,)
 
     def cost(self, scene: Scene) -> float:
-        """Natural logarithm of the prior odds against it: without a record of the drives it is a mere compliance."""
-        return 0.0 if self.channel.startswith("w_") else 5.0
+        """Natural logarithm of the prior odds against it: without the drives' record or friction a mere compliance."""
+        return 0.0 if self.channel.startswith("w_") or self.by else 5.0
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_as(machine, self.joint, "prismatic", self.effect)
@@ -54,7 +64,11 @@ class GantryRacking(JointEffect):
                 unit, size = "rad/mm", 1 / joint.spacing if joint.spacing else size
         elif not self.channel.startswith("dir_"):
             value = scaled(joint_as(machine, self.channel, "prismatic", self.effect), value)
-        return [EffectTerm(self.joint, "", unit, {self.motion: value}, size)]
+        out = [EffectTerm(self.joint, "", unit, {self.motion: value}, size)]
+        if self.by:
+            aside = scaled(joint_as(machine, self.by, "prismatic", self.effect), channel(self.by))
+            out.append(EffectTerm(self.joint, "aside", unit, {self.motion: value * aside}, size))
+        return out
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
@@ -63,7 +77,10 @@ class GantryRacking(JointEffect):
         pairs += [(joint, f"dir_{joint.name}") for joint in scene.prismatic if scene.both_ways(joint)]
         for joint, name in pairs:
             for motion in across(joint, "e"):
-                yield cls.model_validate({"joint": joint.name, "channel": name, "motion": motion})
+                yield cls(joint=joint.name, channel=name, motion=motion)
+        for joint, other in crossing(scene):
+            for motion in across(joint, "e") if scene.both_ways(joint) else ():
+                yield cls(joint=joint.name, channel=f"dir_{joint.name}", motion=motion, by=other.name)
 
 
 def _of_drives(name: str, joint: Joint) -> bool:

@@ -13,7 +13,7 @@ from errormodel.conventions import FRAME, ROTATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Rotation, across, joint_as
-from errormodel.effects.travel import legendre, scaled
+from errormodel.effects.travel import crossing, legendre, scaled
 from errormodel.machine import Machine
 
 # standard deviation in rad by polynomial degree; degrees 2 and 3 because feet and floor stiffen under load
@@ -21,7 +21,11 @@ TILT_SIZES_RAD = {1: 3e-5, 2: 1e-5, 3: 1e-5}
 
 
 class GroundCompliance(Effect):
-    """Tilt of `element` (rad) in Legendre polynomials of degree 1 to 3 of the heavy axis' travel, scaled to -1 to 1."""
+    """Tilt of `element` (rad) in Legendre polynomials of degree 1 to 3 of the heavy axis' travel, scaled to -1 to 1.
+
+    With `by`, a second axis, the ground yields unevenly along that: the first polynomial also has its product with the
+    position of `by`, from -1 to 1.
+    """
 
     effect: ClassVar[str] = "ground-compliance"
     family: ClassVar[str] = "gravity"
@@ -34,6 +38,7 @@ class GroundCompliance(Effect):
     joint: str  # the heavy axis
     motion: Rotation | None = None  # None: about the first axis across it
     element: str = FRAME  # the element that tilts
+    by: str | None = None
 
     @property
     def where(self) -> str:
@@ -41,19 +46,27 @@ class GroundCompliance(Effect):
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return (self.joint,)
+        return (self.joint, self.by) if self.by else (self.joint,)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         heavy = joint_as(machine, self.joint, "prismatic", self.effect)
         motion = self.motion or across(heavy, "e")[0]
         u = scaled(heavy, channel(self.joint))
-        return [
+        out = [
             EffectTerm(self.element, str(n), "rad", {motion: legendre(n, u)}, size)
             for n, size in TILT_SIZES_RAD.items()
         ]
+        if self.by:
+            other = joint_as(machine, self.by, "prismatic", self.effect)
+            uneven = scaled(other, channel(self.by)) * u
+            out.append(EffectTerm(self.element, "by", "rad", {motion: uneven}, TILT_SIZES_RAD[1]))
+        return out
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         places = (FRAME, scene.machine.elements[0].name)
         for heavy, motion, element in product(scene.prismatic, ROTATIONS, places):
-            yield cls.model_validate({"joint": heavy.name, "motion": motion, "element": element})
+            yield cls(joint=heavy.name, motion=motion, element=element)
+        for (heavy, other), element in product(crossing(scene), places):
+            for motion in across(heavy, "e"):
+                yield cls(joint=heavy.name, motion=motion, element=element, by=other.name)

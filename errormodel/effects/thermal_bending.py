@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import combinations
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.search_space.survey_summary import Scene
@@ -21,8 +21,8 @@ class ThermalBending(JointEffect):
 
     u is the position from the lower end of the travel, L the travel, `tau` (s) the beam's lag behind its sensors and
     `initial` (K) what it had more than their difference in the first row. A second parameter is a slope beyond that of
-    the deflection: guides follow the beam only approximately. A beam `held` at one end of the travel only, as a column
-    at its foot, is a cantilever: ``-u^2/2`` from there, and its slope.
+    the deflection: guides follow the beam only approximately. A beam `held` at one place only, as a column at its foot
+    or a bed in the middle, is a cantilever: ``-u^2/2`` from that end or the middle of the travel, and its slope.
     """
 
     effect: ClassVar[str] = "thermal-bending"
@@ -39,7 +39,7 @@ class ThermalBending(JointEffect):
     minus: str | None = None
     tau: Lag = 0.0
     initial: Initial = 0.0
-    held: End | None = None
+    held: End | Literal["middle"] | None = None
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -50,7 +50,7 @@ class ThermalBending(JointEffect):
         (low, high), q = joint.travel, channel(self.joint)
         warm = warmth(channel, self.sensor, self.minus, self.tau, self.initial)
         if self.held is not None:
-            u = q - (low if self.held == "low" else high)
+            u = q - {"low": low, "middle": (low + high) / 2, "high": high}[self.held]
             cantilever = bending(joint, self.motion, -warm * u * u / 2, -warm * u)
             return [EffectTerm(self.joint, "bow", "1/(mm K)", cantilever, STEEL_EXPANSION / 300)]
         bow = bending(joint, self.motion, warm * (q - low) * (high - q) / 2, warm * ((low + high) / 2 - q))
@@ -66,5 +66,5 @@ class ThermalBending(JointEffect):
             for motion in across(joint, "d"):
                 for sensor, minus in combinations(scene.sensors, 2):
                     for tau in lags(scene):
-                        for held in (None, *TRAVEL_ENDS):
+                        for held in (None, "middle", *TRAVEL_ENDS):
                             yield cls(joint=joint.name, motion=motion, sensor=sensor, minus=minus, tau=tau, held=held)

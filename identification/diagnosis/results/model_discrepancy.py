@@ -18,8 +18,8 @@ from identification.estimation.result import Fit
 def with_form(final: Fit, model: EffectModel, first: int) -> Fit:
     """The fit with the discrepancy of the effects' forms in its covariance; effects from `first` on are the model's.
 
-    Where an effect's size differs from what was fitted, the other parameters follow it as they would if they were
-    fitted with that size: what is alike in all rows is the geometry's, and only what changes is uncertain.
+    An effect may be of another size: the other parameters then follow as if they were fitted with that size, so that
+    what is alike in all rows stays the geometry's. And it may depart from its form, in what changes, as they cannot.
     """
     solution = final.solution
     place = {solution.unknowns[j]: k for k, j in enumerate(solution.groups.base)}
@@ -36,9 +36,11 @@ def with_form(final: Fit, model: EffectModel, first: int) -> Fit:
         part = np.sum((sizes @ columns) ** 2) / alone if alone else 0.0
         kept = [k for k, name in enumerate(names) if name in place]
         base = [place[names[k]] for k in kept]
+        variance = (part * (relative * sizes) ** 2)[kept]
         following = np.linalg.solve(solution.covariance[np.ix_(base, base)], solution.covariance[base])
-        deviations = (np.sqrt(part) * relative * np.abs(sizes))[kept, None] * following
-        covariance = covariance + deviations.T @ deviations
+        covariance = covariance + following.T @ (variance[:, None] * following)
+        changing = np.repeat([step.effect.changing(model.start.scene) for step in group], [len(own) for own in ids])
+        covariance[base, base] += changing[kept] * variance
     return replace(final, solution=replace(solution, covariance=covariance))
 
 
