@@ -6,23 +6,31 @@ Examples are covers, stops and lifting guides. Units: mm or rad per travel of th
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
+from pydantic import model_validator
 
-from errormodel.conventions import MOTIONS, Motion, unit_of
+from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import PLACE, Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.ops import fmax
 from errormodel.effects.search_space.survey_summary import Scene
+from errormodel.effects.shared import across, bending, joint_as
 from errormodel.effects.travel import length, usual_size
 from errormodel.machine import Machine, joint_of
 
 # candidate positions, evenly spaced over the travel; by judgement: closer knees are nearly collinear
 KNEE_POSITIONS = 16
+Side = Literal["above", "below"]
+SIDES: tuple[Side, Side] = ("above", "below")
 
 
 class ContactKnee(JointEffect):
-    """`motion` proportional to the distance beyond `at` (mm or rad per full travel), zero on the other side of `at`."""
+    """`motion` proportional to the distance beyond `at` (mm or rad per full travel), zero on the other side of `at`.
+
+    With `tilt` a linear carriage that leaves one of its pads both moves aside and tilts about the axis across both: a
+    second parameter is that rotation, in proportion to the same distance.
+    """
 
     effect: ClassVar[str] = "contact-knee"
     family: ClassVar[str] = "geometric"
@@ -33,7 +41,14 @@ class ContactKnee(JointEffect):
 
     motion: Motion
     at: Annotated[float, PLACE]  # mm or rad
-    side: Literal["above", "below"] = "above"
+    side: Side = "above"
+    tilt: bool = False
+
+    @model_validator(mode="after")
+    def _across(self) -> Self:
+        if self.tilt and self.motion not in TRANSLATIONS:
+            raise ValueError("a carriage moves aside and tilts: with tilt the motion is a displacement across the axis")
+        return self
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -42,8 +57,12 @@ class ContactKnee(JointEffect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint, sense = joint_of(machine, self.joint), 1 if self.side == "above" else -1
         beyond = fmax(sense * (channel(self.joint) - self.at), 0) / length(joint)
-        size = 2 * usual_size(self.motion)
-        return [EffectTerm(self.joint, "", unit_of(self.motion), {self.motion: beyond}, size)]
+        out = [EffectTerm(self.joint, "", unit_of(self.motion), {self.motion: beyond}, 2 * usual_size(self.motion))]
+        if self.tilt:
+            both = bending(joint_as(machine, self.joint, "prismatic", self.effect), self.motion, beyond, beyond)
+            tilting = {name: value for name, value in both.items() if name != self.motion}
+            out.append(EffectTerm(self.joint, "tilt", "rad", tilting, 2 * usual_size("ea")))
+        return out
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
@@ -52,5 +71,7 @@ class ContactKnee(JointEffect):
                 for motion in MOTIONS:
                     # both sides differ by a straight line: where the geometry has one, the two are collinear
                     straight = joint.type == "prismatic" and motion in joint.models
-                    for side in ("above",) if straight else ("above", "below"):
-                        yield cls.model_validate({"joint": joint.name, "motion": motion, "at": at, "side": side})
+                    for side in SIDES[:1] if straight else SIDES:
+                        yield cls(joint=joint.name, motion=motion, at=at, side=side)
+                        if joint.type == "prismatic" and motion in across(joint, "d"):
+                            yield cls(joint=joint.name, motion=motion, at=at, side=side, tilt=True)

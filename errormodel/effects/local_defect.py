@@ -7,15 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
+from pydantic import model_validator
 
-from errormodel.conventions import MOTIONS, Motion, unit_of
+from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import PLACE, Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.ops import exp
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import Positive
+from errormodel.effects.shared import Positive, across, bending, joint_as
 from errormodel.effects.travel import length, usual_size
 from errormodel.machine import Machine, joint_of
 
@@ -26,7 +27,11 @@ FEWEST_DEFECT_ROWS = 4  # rows within one width of the centre; with fewer a defe
 
 
 class LocalDefect(JointEffect):
-    """``height * exp(-((q - at) / width)^2 / 2)`` in one motion of a joint (mm, rad); `at` and `width` in mm or rad."""
+    """``height * exp(-((q - at) / width)^2 / 2)`` in one motion of a joint (mm, rad); `at` and `width` in mm or rad.
+
+    With `tilt` a linear carriage dips across its axis and pitches in passing: a second parameter is a rotation by the
+    slope of the disturbance.
+    """
 
     effect: ClassVar[str] = "local-defect"
     family: ClassVar[str] = "geometric"
@@ -39,15 +44,28 @@ class LocalDefect(JointEffect):
     motion: Motion
     at: Annotated[float, PLACE]  # mm or rad
     width: Positive
+    tilt: bool = False
+
+    @model_validator(mode="after")
+    def _across(self) -> Self:
+        if self.tilt and self.motion not in TRANSLATIONS:
+            raise ValueError("a carriage dips and tilts: with tilt the motion is a displacement across the axis")
+        return self
 
     @property
     def drivers(self) -> tuple[str, ...]:
         return (self.joint,)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        joint_of(machine, self.joint)
-        bump = exp(-(((channel(self.joint) - self.at) / self.width) ** 2) / 2)
-        return [EffectTerm(self.joint, "", unit_of(self.motion), {self.motion: bump}, usual_size(self.motion))]
+        joint = joint_as(machine, self.joint, "prismatic", self.effect) if self.tilt else joint_of(machine, self.joint)
+        away = (channel(self.joint) - self.at) / self.width
+        bump, size = exp(-(away**2) / 2), usual_size(self.motion)
+        out = [EffectTerm(self.joint, "", unit_of(self.motion), {self.motion: bump}, size)]
+        if self.tilt:
+            slope = bending(joint, self.motion, 0 * bump, -away * bump / self.width)
+            pitch = {name: value for name, value in slope.items() if name != self.motion}
+            out.append(EffectTerm(self.joint, "slope", "mm", pitch, size))
+        return out
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
@@ -58,3 +76,5 @@ class LocalDefect(JointEffect):
             near = np.searchsorted(positions, places + width) - np.searchsorted(positions, places - width, "right")
             for at, motion in product(places[near >= FEWEST_DEFECT_ROWS].tolist(), MOTIONS):
                 yield cls(joint=joint.name, motion=motion, at=at, width=width)
+                if joint.type == "prismatic" and motion in across(joint, "d"):
+                    yield cls(joint=joint.name, motion=motion, at=at, width=width, tilt=True)
