@@ -24,6 +24,8 @@ COMPLIANCE_SHAPES = {
     "prismatic": ((1, False), (2, False), (3, False), (5, False), (1, True), (2, True)),
     "rotary": ((1, False), (2, False), (1, True)),
 }
+WHOLE_DEGREES = 1, 2, 3  # candidates of a carriage that moves and tilts, all of them `along`
+SIZES = 0.02, 1e-4  # standard deviations: mm, rad
 # cosine of the angle between a turning axis and a translation, from which on the turn leaves the translation unchanged
 PARALLEL_COSINE = 1 - 1e-6
 
@@ -60,18 +62,17 @@ class CrossAxisCompliance(JointEffect):
             shapes = {f"{name}{k}": f(k * q) for k in orders for name, f in (("sin", sin), ("cos", cos))}
         else:
             shapes = {str(k): legendre(k, scaled(other, q)) for k in orders}
-        own = scaled(joint, channel(self.joint)) if self.along else None
-        if self.motion == "all":
-            products = {f"along{k}": v * own for k, v in shapes.items()} if self.along else {}
-            return [
-                EffectTerm(self.joint, label, unit_of(m), {m: value}, 0.02 if m in TRANSLATIONS else 1e-4)
-                for label, value in (shapes | products).items()
-                for m in MOTIONS
-            ]
+        moves = MOTIONS if self.motion == "all" else (self.motion,)
+        products = {}
         if self.along:
-            shapes["along"] = next(iter(shapes.values())) * own
-        unit, size = unit_of(self.motion), 0.02 if self.motion in TRANSLATIONS else 1e-4
-        return [EffectTerm(self.joint, label, unit, {self.motion: value}, size) for label, value in shapes.items()]
+            own = scaled(joint, channel(self.joint))
+            along = {f"along{k}": value * own for k, value in shapes.items()}
+            products = along if self.motion == "all" else {"along": next(iter(along.values()))}
+        return [
+            EffectTerm(self.joint, label, unit_of(motion), {motion: value}, SIZES[motion in ROTATIONS])
+            for label, value in (shapes | products).items()
+            for motion in moves
+        ]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
@@ -86,5 +87,5 @@ class CrossAxisCompliance(JointEffect):
                 for degree, along in COMPLIANCE_SHAPES[other.type]:
                     yield cls(joint=joint.name, motion=motion, other=other.name, degree=degree, along=along)
             if joint.type == other.type == "prismatic":
-                for degree in (1, 2, 3):
+                for degree in WHOLE_DEGREES:
                     yield cls(joint=joint.name, motion="all", other=other.name, degree=degree, along=True)
