@@ -57,7 +57,7 @@ from identification.diagnosis.results.findings import (
 )
 from identification.diagnosis.results.nameless_alternative import checked_alternative
 from identification.diagnosis.results.physical_limits import checked_name
-from identification.diagnosis.results.profile_likelihood import other_constants
+from identification.diagnosis.results.profile_likelihood import other_constants, time_constants
 from identification.diagnosis.results.recorded_functions import alike_motions, recorded
 from identification.diagnosis.results.statements import (
     alike_of,
@@ -299,6 +299,7 @@ def _finding(
         periods=periods_of(main, machine),
         statement=" ".join(filter(None, (statement, *(f"{t}." for t in results), alike_of(same, machine)))),
         parameters=whole.amounts,
+        time_constants=[amount for s in group for amount in time_constants(final, model, s)],
         probability=probability,
         p_value=p_value_of(step),
         heldout_rms_um=HeldOut(*(heldout_um(before, b) for b in (linear, model.linear))),

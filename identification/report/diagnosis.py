@@ -13,6 +13,7 @@ import numpy as np
 from errormodel.conventions import unit_of
 from identification.diagnosis.linear.row_residuals import noise_mm, vectors
 from identification.diagnosis.results.diagnosed import Diagnosed, numbered
+from identification.diagnosis.results.effect_size import Amount
 from identification.diagnosis.results.findings import Alternative, Finding, Untestable
 from identification.diagnosis.results.headline import headline
 from identification.diagnosis.search.scoring import Step
@@ -133,6 +134,7 @@ def _part(diagnosed: Diagnosed, count: int, finding: Finding, group: Sequence[St
         unit = "°" if driver.removeprefix("dir_") in turning else " s" if driver == "time" else " mm"
         along = f" of {driver}" if len(finding.periods) > 1 else ""
         facts.append(("Period", f"{period:.4g}{unit}{along}"))
+    facts += [("Time constant", _time(amount)) for amount in finding.time_constants]
     if finding.size_um:
         facts.append(("Size at the tip", f"{three(finding.size_um)} µm rms over the survey's rows"))
     if group:
@@ -196,6 +198,13 @@ def odds(other: Alternative) -> list[str]:
     share = "same effect" if own is None else chance(own)
     why = f"; not chosen: {other.reason}" if other.reason else ""
     return [share, text + why, "distinguishable" if other.separable else "not distinguishable by this data"]
+
+
+def _time(amount: Amount) -> str:
+    """A time constant with its standard uncertainty, in the unit that one says it in."""
+    size, unit = next(((s, u) for s, u in ((3600.0, "h"), (60.0, "min")) if amount.value >= 1.5 * s), (1.0, "s"))
+    places = decimals(amount.std / size)
+    return f"{number(amount.value / size, places)} ± {number(amount.std / size, places)} {unit}"
 
 
 def _amounts(finding: Finding) -> list[list[str]]:

@@ -80,3 +80,20 @@ def test_a_machine_without_the_effect_is_refused(tmp_path: Path) -> None:
     result = run("predict", tmp_path / "fit", tmp_path / "s.csv", "--out", tmp_path / "out.csv")
     assert result.code == 2
     assert "key time_constants: a 'tau' of the effect number 1" in result.err
+
+
+def test_a_time_constant_has_an_uncertainty() -> None:
+    """It is off by as much as is stated: the mean square of six lies within 99 % of chi-squared."""
+    machine, tau = read_machine("vertical_three_axis"), 1500.0
+    survey = empty_survey(machine, 200, 5, channels=False, grid=False)
+    time = np.linspace(0, 7200, 200)
+    survey = replace(survey, table=survey.table.assign(time=time, T_bed=20 + 3 * np.sin(time / 900)))
+    spec = EffectSpec("structure-drift", {"element": "column", "motion": "dy", "sensor": "T_bed", "tau": tau})
+    off = []
+    for seed in range(6):
+        found = diagnose(machine, showing(survey, machine, [(spec, [0.006])], 0.003, seed)).diagnosis.findings
+        assert [f.effect for f in found] == ["structure-drift"]
+        (amount,) = found[0].time_constants
+        assert amount.unit == "s"
+        off.append((amount.value - tau) / amount.std)
+    assert 0.68 < np.sum(np.square(off)) < 18.5

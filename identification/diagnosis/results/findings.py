@@ -63,7 +63,7 @@ class Finding:
     Beyond what that page lists: `size_um`, the root mean square of what it does at the tip over the survey's rows,
     `rows` (of outliers: data rows, from 1), `brief`, its name and size, and `positive`, what a positive parameter does
     where that is not a rise of the motion in its name. `period` in mm, of a rotary joint in degrees, and `periods`
-    along each driver.
+    along each driver; `time_constants`, s, with their standard uncertainties.
     """
 
     effect: str
@@ -80,6 +80,7 @@ class Finding:
     period: float | None = None
     periods: list[float] = field(default_factory=list)
     parameters: list[Amount] = field(default_factory=list)
+    time_constants: list[Amount] = field(default_factory=list)
     absorbed: float = 0.0
     moved: dict[str, float] = field(default_factory=dict)
     alternatives: list[Alternative] = field(default_factory=list)

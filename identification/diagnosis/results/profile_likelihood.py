@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from errormodel.effects.base import Effect
+from identification.diagnosis.results.effect_size import Amount
 from identification.diagnosis.results.initial_states import initial_states
 from identification.diagnosis.search.candidates import WIDEST
 from identification.diagnosis.search.model import EffectModel
@@ -53,6 +54,23 @@ def other_constants(final: Fit, model: EffectModel, first: int) -> tuple[OtherCo
     return tuple(out)
 
 
+def time_constants(final: Fit, model: EffectModel, step: Step) -> Iterator[Amount]:
+    """The time constants of an effect, s, whose standard uncertainty is that of the profile likelihood."""
+    if not (names := _time_constants(step.effect, final)):
+        return
+    rise = _rise(final, model, step)
+    for name in names:
+        value, of_value = float(getattr(step.effect, name)), partial(_with, rise, name)
+        sides = [weight * np.log(other / value) ** 2 for other, weight in _sides(value, of_value)]
+        spread = np.sqrt(sum(sides) if sides else (2 * SURE) ** 2 / np.mean([of_value(v) for v in _around(value)]))
+        yield Amount(f"{step.effect.where}.{step.effect.effect} {name}", value, float(value * spread), "s")
+
+
+def _around(best: float) -> list[float]:
+    """Values a fifth below and above the likeliest."""
+    return [best * float(np.exp(x)) for x in (-2 * SURE, 2 * SURE)]
+
+
 def _sides(best: float, rise: Callable[[float], float]) -> Iterator[tuple[float, float]]:
     """Values and probabilities of what lies below and above the likeliest; none where it is well known.
 
@@ -60,10 +78,10 @@ def _sides(best: float, rise: Callable[[float], float]) -> Iterator[tuple[float,
     ----------
     rise : of chi-squared with the value.
     """
+    if min(map(rise, _around(best))) > CLEAR:
+        return
     logarithm = SURE * np.arange(-STEPS, STEPS + 1)
     values = (best * np.exp(logarithm)).tolist()
-    if min(rise(values[STEPS - 2]), rise(values[STEPS + 2])) > CLEAR:
-        return
     likelihood = np.exp(-0.5 * np.array([max(rise(x), 0.0) for x in values]))
     for own in (logarithm < 0, logarithm > 0):
         mass = likelihood[own].sum()
