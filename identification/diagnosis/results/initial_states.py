@@ -18,7 +18,8 @@ from identification.diagnosis.search.model import EffectModel
 # departures in changes of the sensor: what it was before the first row changed it by more, and is not recorded
 WIDTH = 2.0  # standard deviation of the prior
 DEPARTURES = 2 * WIDTH * np.sign(np.arange(-8, 9)) * (np.arange(-8, 9) / 8) ** 2
-RATIOS = np.exp(np.linspace(-1.5, 1.5, 13))  # of time constants to the likeliest
+SHORTER = 0.2  # the shortest time constant, of the likeliest; the longest is as long as the recording
+TIMES = 13  # time constants, evenly in their logarithm
 NEAR = 2  # the departure, counted from none, within which it is known
 CLEAR = 4.0  # chi-squared: two standard uncertainties
 
@@ -36,7 +37,7 @@ def initial_states(
     if not tau or best is None or effect.random:
         return
     change = float(np.ptp(model.start.channel(effect.drivers[0])))
-    taus = tau * RATIOS[tau * RATIOS <= max(model.start.scene.duration, tau)]
+    taus = np.geomspace(SHORTER * tau, max(model.start.scene.duration, tau), TIMES)
 
     def rises(departure: float) -> Array:
         return np.array([rise({"tau": float(t), "initial": best + change * departure}) for t in taus])
