@@ -147,6 +147,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             "A candidate's shape is moved to where it fits best, and a discrepancy from its textbook form allowed.",
             _decided("DEPARTURES"),
         ),
+        "not-settled": Rule(
+            SELECTION, "K",
+            "A member may have had another temperature than its sensor in the first row, where that is likelier.",
+        ),
         "near-tie": Rule(
             SELECTION, EVIDENCE,
             "Named effects that the best one does not clearly exceed, by evidence over the number of their places.",

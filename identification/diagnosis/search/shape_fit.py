@@ -52,6 +52,8 @@ def optimise_shapes(
     for step in able:
         gain = log_likelihood_gain(linear, step.delta_chi2)
         log.add("optimised-score", "examined", step.effect, step.evidence, gain=gain)
+        if initial := getattr(step.effect, "initial", 0.0):
+            log.add("not-settled", "examined", step.effect, initial)
     return able
 
 
