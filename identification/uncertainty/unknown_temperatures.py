@@ -2,7 +2,8 @@
 
 Between two rows a temperature is taken to change evenly. How far a lag is led astray by that is read off the recording,
 of which pieces as long as the gap are taken to change evenly as well (a structure function of the lag). What is wrong
-at one row fades with the time constant until the next.
+at one row fades with the time constant until the next. Commands that do not go on from the recording begin in
+equilibrium, give or take how far from it the recording was.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
-from errormodel.channels import channel
+from errormodel.channels import channel, clocks, lagged
 from identification.uncertainty.other_assumption import Predict
 from identification.uncertainty.recording_end import Recorded, lags, on_one_clock
 
@@ -46,36 +47,47 @@ def with_unknown_temperatures(
     """
     out = predicted.copy()
     series = on_one_clock(chain, recorded, table)
-    for base in series:
+    for base in dict.fromkeys(of for _, _, of, _ in lags(chain)):
+        if base not in recorded or not _has_one_clock(table, base):
+            continue
         before, values = (np.asarray(v, dtype=np.float64) for v in recorded[base])
         time, other = channel(table, "time"), list(channels)
         for number, name, of, tau in lags(chain):
             if of == base and name.startswith("lag("):
-                other[number] = channels[number] + led_astray(before, values, time, tau)
+                other[number] = channels[number] + led_astray(before, values, time, tau, goes_on=base in series)
         change = predict(other, labels)[:, :3] - predicted[:, :3]
         out[:, 6:] = np.hypot(out[:, 6:], change)
     return out
 
 
-def led_astray(before: Array, values: Array, time: Array, tau: float) -> Array:
+def _has_one_clock(table: pd.DataFrame, base: str) -> bool:
+    """Whether the rows are a series in time; rows at one time are states in equilibrium."""
+    return {"time", base} <= {*table} and not np.ptp(clocks(table, base)) and bool(np.ptp(channel(table, "time")) > 0)
+
+
+def led_astray(before: Array, values: Array, time: Array, tau: float, *, goes_on: bool = True) -> Array:
     """Standard deviation (n,), K, of a lag of `tau` s at the times of commands from what it is predicted to be.
 
     Parameters
     ----------
-    before : (m,) times, s, of a recording's temperatures `values` (m,); `time` (n,): of commands on the same clock.
+    before : (m,) times, s, of a recording's temperatures `values` (m,).
+    time : (n,) of commands; `goes_on`: on the recording's clock, so that the lag is known in its rows.
     """
     from scipy.linalg import solve_banded
 
-    both = np.concatenate([before, time])
+    both = np.concatenate([before, time]) if goes_on else time
     order = np.argsort(both, kind="stable")
     gaps = np.diff(both[order], prepend=both.min())
-    commanded = order >= len(before)
+    commanded = order >= len(both) - len(time)
     # a bidiagonal system, as of the lag itself: over a step the variance keeps exp(-2 h/tau); in the recording it is 0
     kept = np.where(commanded, np.exp(-2 * gaps / tau), 0.0)
+    more = np.where(commanded, _after_gap(before, values, tau, gaps) ** 2, 0.0)
+    if not goes_on:
+        more[0] = np.mean((lagged(before, values, tau) - values) ** 2)
     bands = np.vstack([np.ones(len(both)), np.append(-kept[1:], 0.0)])
     out = np.empty(len(both))
-    out[order] = solve_banded((1, 0), bands, np.where(commanded, _after_gap(before, values, tau, gaps) ** 2, 0.0))
-    return np.sqrt(out[len(before) :])
+    out[order] = solve_banded((1, 0), bands, more)
+    return np.sqrt(out[-len(time) :])
 
 
 def _after_gap(time: Array, values: Array, tau: float, gaps: Array) -> Array:

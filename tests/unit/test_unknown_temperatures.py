@@ -33,6 +33,23 @@ def test_the_stated_deviation_is_that_of_the_lag(hours: float, tau: float) -> No
     assert np.mean(np.abs(wrong) > 2 * np.array(stated)) < 0.12
 
 
+def test_what_begins_anew_is_as_far_from_equilibrium_as_the_recording_was() -> None:
+    """Commands some day later, in which the lag is taken to begin with its sensor's temperature, and forgets that."""
+    rng, step, tau = np.random.default_rng(2), 60.0, 1800.0
+    wrong, stated = [], []
+    for _ in range(40):
+        time = np.arange(0, 48 * 3600, step)
+        keep = np.exp(-step / 3600)
+        bed = lfilter([1.0], [1.0, -keep], rng.normal(0, np.sqrt(1 - keep**2), len(time)))
+        known, rows = time < 8 * 3600, (time >= 40 * 3600) & (time < 41 * 3600)
+        wrong.append(lagged(time[rows], bed[rows], tau) - lagged(time, bed, tau)[rows])
+        stated.append(led_astray(time[known], bed[known], time[rows] - time[rows][0], tau, goes_on=False))
+    ratio = np.sqrt(np.mean(np.square(wrong), axis=0) / np.mean(np.square(stated), axis=0))
+    assert ratio.min() > 0.65
+    assert ratio.max() < 1.5
+    assert np.mean(stated, axis=0)[-1] < 0.2 * np.mean(stated, axis=0)[0]
+
+
 def test_nothing_is_uncertain_where_temperatures_change_evenly_or_were_recorded() -> None:
     time = np.linspace(0, 7200, 200)
     bed = 20 + time / 1800
