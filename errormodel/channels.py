@@ -44,7 +44,8 @@ CLOCK_MISFIT_KELVIN = 0.1
 # columns that must be complete; positions may be missing in rows about another joint
 UNITS_OF_CHANNELS = {"time": "s", "feed": "mm/min", "load": "kg"}
 OWN_COLUMNS = ("file", "role", "row")  # of a survey's table, which no file has
-_GAPLESS = ("T_", "w_", "time", "feed", "load")
+RECORDS = "T_", "w_"  # prefixes of sensors' columns
+_GAPLESS = (*RECORDS, "time", "feed", "load")
 CLOCKS = "time", "row"  # of a survey: times or, where these were not recorded, the order of its rows
 # nominal position of the functional point in the reference's axes, mm
 POINT_CHANNELS = ("point_x", "point_y", "point_z")
@@ -193,8 +194,9 @@ def _local_line(time: Array, values: Array) -> Array:
 def _missing(table: pd.DataFrame, name: str, why: str, how: str = "") -> InputError:
     """A column that an effect needs is not there; `how` it could be written."""
     unit = UNITS_OF_CHANNELS.get(name)
-    columns = [c for c in map(str, table.columns) if c not in OWN_COLUMNS]
-    add = f"Add it ({unit}{how}). " if unit else ""
+    kind = name[:2] if name.startswith(RECORDS) else ""  # in place of a sensor another sensor may have been meant
+    columns = [c for c in map(str, table.columns) if c not in OWN_COLUMNS and c.startswith(kind)]
+    add = f"Add it ({unit}{how}). " if unit else "" if nearest(name, columns) else "Add it"
     return InputError(f"{_place(table, 0)[0]}, header", f"no column '{name}', {why}", add + nearest(name, columns))
 
 

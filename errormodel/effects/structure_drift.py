@@ -29,8 +29,8 @@ class StructureDrift(Effect):
     `tau` (s) is the member's lag behind the sensor, `initial` (K) how much warmer than it it was in the first row,
     `minus` a sensor in place of 20 degC. At a joint, `order` lets the drift vary along the travel in Legendre
     polynomials up to that degree (-1 to 1). `std` is the standard deviation of a zero-mean prior, for several sensors
-    that are nearly collinear. A rotation is `about` a point (mm, in the reference's axes); without it about the
-    element's own origin.
+    that are nearly collinear. A rotation is `about` a point (mm, from the element's origin, in its axes); without it
+    about that origin, which of a shape is its tool-side end: a column on its foot tilts about the other.
     """
 
     effect: ClassVar[str] = "structure-drift"
@@ -100,6 +100,12 @@ class StructureDrift(Effect):
         for element in members(scene.machine):
             for motion in (*MOTIONS, "all"):
                 yield from _by_sensors(scene, element, motion)
+        for shape in scene.machine.shapes:
+            foot = tuple(-v for v in shape.offset)
+            for motion, axis in zip(ROTATIONS, np.eye(3), strict=True):
+                if np.cross(foot, axis).any():
+                    for sensor in scene.sensors:
+                        yield from _lagging(scene, element=shape.name, motion=motion, about=foot, sensor=sensor)
         for motion in _base(scene.machine):
             yield from _by_sensors(scene, FRAME, motion)
             if motion in ROTATIONS:  # a stand, the machine's or the instrument's, tilts when one side is warmer

@@ -113,8 +113,8 @@ def after_gaps(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> Iterato
     for base, (gap, tau) in longer.items():
         yield (
             f"{base} acts {tau / 60:.3g} min late, and what it was in the {gap / 3600:.2g} h between the recording "
-            "and the first row is not known: it is taken to have changed evenly. The uncertainty has how far not "
-            "by what was recorded. Add rows with its temperatures in between"
+            "and the first row is not known: it is taken to have changed evenly, and the uncertainty allows for "
+            "changes like those that were recorded. Add rows with its temperatures in between"
         )
 
 
