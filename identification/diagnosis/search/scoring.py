@@ -65,12 +65,12 @@ class Step:
 
 def choose(linear: LinearModel, steps: Sequence[Step], log: DecisionLog = UNRECORDED) -> Step:
     """The likeliest named effect, unless an empirical term has clearly more evidence."""
-    ranked = sorted(steps, key=lambda s: -posterior(s))
+    ranked = sorted(steps, key=lambda s: -s.evidence)
     forms = [s for s in ranked if s.effect.empirical]
     names = _names(linear, [s for s in ranked if not s.effect.empirical], log)
-    lead = posterior(forms[0]) - posterior(names[0]) if forms and names else math.inf
-    if not forms or lead <= CLEARLY:
+    if not forms or (names and forms[0].evidence <= names[0].evidence + CLEARLY):
         if forms:
+            lead = forms[0].evidence - names[0].evidence
             log.add("empirical-lead", "set aside", forms[0].effect, lead, CLEARLY, beside=names[0].effect)
         return _preferred(names[0], [*forms, *names[1:], names[0]][0], log)
 
