@@ -196,8 +196,9 @@ def _missing(table: pd.DataFrame, name: str, why: str, how: str = "") -> InputEr
     unit = UNITS_OF_CHANNELS.get(name)
     kind = name[:2] if name.startswith(RECORDS) else ""  # in place of a sensor another sensor may have been meant
     columns = [c for c in map(str, table.columns) if c not in OWN_COLUMNS and c.startswith(kind)]
-    add = f"Add it ({unit}{how}). " if unit else "" if nearest(name, columns) else "Add it"
-    return InputError(f"{_place(table, 0)[0]}, header", f"no column '{name}', {why}", add + nearest(name, columns))
+    add = f"Add it ({unit}{how}). " if unit else ""
+    cure = add + nearest(name, columns) or "Add it"
+    return InputError(f"{_place(table, 0)[0]}, header", f"no column '{name}', {why}", cure)
 
 
 def _place(table: pd.DataFrame, row: int) -> tuple[str, str]:
@@ -266,22 +267,28 @@ def _by_clock(table: pd.DataFrame, name: str) -> list[Index]:
 
 
 def lagged(time: Array, values: Array, tau: float) -> Array:
-    """Exact first-order lag of a signal at unevenly spaced times (any order), linear between them.
+    """Exact first-order lag of a signal (n,), or of several (n, k), at unevenly spaced times (any order), (n,).
 
-    Over a step h the lag keeps ``a = exp(-h/tau)`` of its value and takes the rest from the line: a bidiagonal system.
+    The signal is linear between the times. Over a step h the lag keeps ``exp(-h/tau)`` of its value and takes the rest
+    from the line.
     """
-    from scipy.linalg import solve_banded
-
     order = np.argsort(time, kind="stable")
     x = values[order]
-    steps, rise = np.diff(time[order]) / tau, np.diff(x)
+    steps, rise = np.diff(time[order]) / tau, np.diff(x, axis=0)
     kept = np.exp(-steps)
     slope = np.where(steps > 0, -np.expm1(-steps) / np.where(steps > 0, steps, 1.0), 1.0)
-    taken = np.concatenate([x[:1], x[1:] - kept * x[:-1] - slope * rise])
-    bands = np.vstack([np.ones(len(x)), np.append(-kept, 0.0)])
+    taken = np.concatenate([x[:1], x[1:] - (kept * x[:-1].T).T - (slope * rise.T).T])
     out = np.empty_like(x)
-    out[order] = solve_banded((1, 0), bands, taken)
+    out[order] = fading(kept, taken)
     return out
+
+
+def fading(kept: Array, taken: Array) -> Array:
+    """Solution (n,) or (n, k) of the recursion ``x[i] = kept[i-1] x[i-1] + taken[i]``: a bidiagonal system."""
+    from scipy.linalg import solve_banded
+
+    bands = np.vstack([np.ones(len(taken)), np.append(-kept, 0.0)])
+    return np.asarray(solve_banded((1, 0), bands, taken))
 
 
 def play(table: pd.DataFrame, name: str, width: float) -> Array:

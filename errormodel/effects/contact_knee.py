@@ -6,16 +6,15 @@ Examples are covers, stops and lifting guides. Units: mm or rad per travel of th
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import model_validator
 
-from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
+from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects.base import PLACE, Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.ops import fmax
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import across, bending, joint_as
+from errormodel.effects.shared import across, joint_as, tilting
 from errormodel.effects.travel import length, usual_size
 from errormodel.machine import Machine, joint_of
 
@@ -44,12 +43,6 @@ class ContactKnee(JointEffect):
     side: Side = "above"
     tilt: bool = False
 
-    @model_validator(mode="after")
-    def _across(self) -> Self:
-        if self.tilt and self.motion not in TRANSLATIONS:
-            raise ValueError("a carriage moves aside and tilts: with tilt the motion is a displacement across the axis")
-        return self
-
     @property
     def drivers(self) -> tuple[str, ...]:
         return (self.joint,)
@@ -59,9 +52,9 @@ class ContactKnee(JointEffect):
         beyond = fmax(sense * (channel(self.joint) - self.at), 0) / length(joint)
         out = [EffectTerm(self.joint, "", unit_of(self.motion), {self.motion: beyond}, 2 * usual_size(self.motion))]
         if self.tilt:
-            both = bending(joint_as(machine, self.joint, "prismatic", self.effect), self.motion, beyond, beyond)
-            tilting = {name: value for name, value in both.items() if name != self.motion}
-            out.append(EffectTerm(self.joint, "tilt", "rad", tilting, 2 * usual_size("ea")))
+            carriage = joint_as(machine, self.joint, "prismatic", self.effect)
+            tilt = tilting(carriage, self.motion, beyond)
+            out.append(EffectTerm(self.joint, "tilt", "rad", tilt, 2 * usual_size("ea")))
         return out
 
     @classmethod

@@ -7,16 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar
 
 import numpy as np
-from pydantic import model_validator
 
-from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
+from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects.base import PLACE, Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.ops import exp
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import Positive, across, bending, joint_as
+from errormodel.effects.shared import Positive, across, joint_as, tilting
 from errormodel.effects.travel import length, usual_size
 from errormodel.machine import Machine, joint_of
 
@@ -46,12 +45,6 @@ class LocalDefect(JointEffect):
     width: Positive
     tilt: bool = False
 
-    @model_validator(mode="after")
-    def _across(self) -> Self:
-        if self.tilt and self.motion not in TRANSLATIONS:
-            raise ValueError("a carriage dips and tilts: with tilt the motion is a displacement across the axis")
-        return self
-
     @property
     def drivers(self) -> tuple[str, ...]:
         return (self.joint,)
@@ -62,8 +55,7 @@ class LocalDefect(JointEffect):
         bump, size = exp(-(away**2) / 2), usual_size(self.motion)
         out = [EffectTerm(self.joint, "", unit_of(self.motion), {self.motion: bump}, size)]
         if self.tilt:
-            slope = bending(joint, self.motion, 0 * bump, -away * bump / self.width)
-            pitch = {name: value for name, value in slope.items() if name != self.motion}
+            pitch = tilting(joint, self.motion, -away * bump / self.width)
             out.append(EffectTerm(self.joint, "slope", "mm", pitch, size))
         return out
 

@@ -18,7 +18,7 @@ from errormodel.conventions import REFERENCE_TEMPERATURE, ROTATIONS, TRANSLATION
 from errormodel.effects.base import FIXED, Channels, EffectTerm, ShapeParameter
 from errormodel.effects.ops import Value, atan2, cos, cubics, exp, fmax, fmin, sin
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.exceptions import InputError
+from errormodel.exceptions import EffectError, InputError
 from errormodel.machine import Joint, Machine, joint_of
 
 Positive = Annotated[float, Field(gt=0)]
@@ -100,9 +100,26 @@ def across(joint: Joint, kind: Literal["d", "e"]) -> tuple[Motion, ...]:
 
 def bending(joint: Joint, motion: Motion, deflection: Value, slope: Value) -> dict[Motion, Value]:
     """A deflection across the axis (mm) and the small rotation (rad) of its slope d deflection / d position."""
-    side = np.array([float(m == motion) for m in TRANSLATIONS])
-    turn = np.cross(joint.axis, side)
-    return {motion: deflection} | {name: slope * float(a) for name, a in zip(ROTATIONS, turn, strict=True) if a}
+    return {motion: deflection} | _rotation(joint, motion, slope)
+
+
+def tilting(joint: Joint, motion: Motion, slope: Value) -> dict[Motion, Value]:
+    """The small rotation (rad) alone that a slope of a deflection across the axis is.
+
+    Raises
+    ------
+    EffectError
+        The motion is no displacement across the axis.
+    """
+    if rotation := _rotation(joint, motion, slope):
+        return rotation
+    found, names = f"{motion}, which is no displacement across the axis of {joint.name}", ", ".join(across(joint, "d"))
+    raise EffectError(f"effect at {joint.name}, key motion", found, f"Write one of {names}", "motion")
+
+
+def _rotation(joint: Joint, motion: Motion, slope: Value) -> dict[Motion, Value]:
+    turn = np.cross(joint.axis, [float(m == motion) for m in TRANSLATIONS])
+    return {name: slope * float(a) for name, a in zip(ROTATIONS, turn, strict=True) if a}
 
 
 def each_motion(

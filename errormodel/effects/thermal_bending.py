@@ -11,7 +11,18 @@ from typing import ClassVar, Literal
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import STEEL_EXPANSION, Initial, Lag, across, bending, joint_as, lags, thermal, warmth
+from errormodel.effects.shared import (
+    STEEL_EXPANSION,
+    Initial,
+    Lag,
+    across,
+    bending,
+    joint_as,
+    lags,
+    thermal,
+    tilting,
+    warmth,
+)
 from errormodel.effects.travel import TRAVEL_ENDS, End, Translation
 from errormodel.machine import Machine
 
@@ -53,11 +64,11 @@ class ThermalBending(JointEffect):
             u = q - {"low": low, "middle": (low + high) / 2, "high": high}[self.held]
             cantilever = bending(joint, self.motion, -warm * u * u / 2, -warm * u)
             return [EffectTerm(self.joint, "bow", "1/(mm K)", cantilever, STEEL_EXPANSION / 300)]
-        bow = bending(joint, self.motion, warm * (q - low) * (high - q) / 2, warm * ((low + high) / 2 - q))
-        slope = {name: value for name, value in bow.items() if name != self.motion}
+        slope = warm * ((low + high) / 2 - q)
+        bow = bending(joint, self.motion, warm * (q - low) * (high - q) / 2, slope)
         return [
             EffectTerm(self.joint, "bow", "1/(mm K)", bow, STEEL_EXPANSION / 300),
-            EffectTerm(self.joint, "slope", "1/(mm K)", slope, STEEL_EXPANSION / 300),
+            EffectTerm(self.joint, "slope", "1/(mm K)", tilting(joint, self.motion, slope), STEEL_EXPANSION / 300),
         ]
 
     @classmethod

@@ -16,6 +16,7 @@ from identification.diagnosis.results.diagnosed import Diagnosed, numbered
 from identification.diagnosis.results.effect_size import Amount
 from identification.diagnosis.results.findings import Alternative, Finding, Untestable
 from identification.diagnosis.results.headline import headline
+from identification.diagnosis.results.statements import time_unit
 from identification.diagnosis.search.scoring import Step
 from identification.plots.effect_curve import DRAWN_PERIODS, draw_effect_curve
 from identification.plots.residuals_along_driver import MOST_DRIVER_DOTS, draw_residuals_along_driver
@@ -202,7 +203,7 @@ def odds(other: Alternative) -> list[str]:
 
 def _time(amount: Amount) -> str:
     """A time constant with its standard uncertainty, in the unit that one says it in."""
-    size, unit = next(((s, u) for s, u in ((3600.0, "h"), (60.0, "min")) if amount.value >= 1.5 * s), (1.0, "s"))
+    size, unit = time_unit(amount.value)
     places = decimals(amount.std / size)
     return f"{number(amount.value / size, places)} ± {number(amount.std / size, places)} {unit}"
 

@@ -34,7 +34,7 @@ def lags(chain: Chain) -> Iterator[tuple[int, str, str, float]]:
             yield number, name, call[2], float(call[3])
 
 
-def _sensors(chain: Chain) -> list[str]:
+def late_sensors(chain: Chain) -> list[str]:
     """Base channels that act late in a model, each once."""
     return list(dict.fromkeys(base for _, _, base, _ in lags(chain)))
 
@@ -42,15 +42,20 @@ def _sensors(chain: Chain) -> list[str]:
 def temperatures_of(chain: Chain, table: pd.DataFrame) -> dict[str, list[list[float]]]:
     """What a recording has of each sensor that acts late; nothing where its rows have several clocks, or one time."""
     out = {}
-    for base in _sensors(chain):
-        if base not in table or "time" not in table or np.ptp(clocks(table, base)):
-            continue
-        time = channel(table, "time")
-        if np.ptp(time) > 0:
+    for base in late_sensors(chain):
+        if is_series(table, base):
+            time = channel(table, "time")
             kept = np.argsort(time, kind="stable")
             kept = kept[np.unique(np.linspace(0, len(kept) - 1, MOST_TIMES).astype(int))]
             out[base] = [time[kept].tolist(), channel(table, base)[kept].tolist()]
     return out
+
+
+def is_series(table: pd.DataFrame, base: str) -> bool:
+    """Whether a column was recorded on one clock that runs; rows at one time are states, each in equilibrium."""
+    if base not in table or "time" not in table or np.ptp(clocks(table, base)):
+        return False
+    return bool(np.ptp(channel(table, "time")) > 0)
 
 
 def continued(chain: Chain, recorded: Recorded, table: pd.DataFrame, columns: list[Array]) -> list[Array]:
@@ -70,23 +75,21 @@ def continued(chain: Chain, recorded: Recorded, table: pd.DataFrame, columns: li
 
 def on_one_clock(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Of each sensor that acts late what was recorded and the commands after it, where they have a clock in common."""
-    series = {base: _joined(recorded.get(base), table, base) for base in _sensors(chain)}
+    series = {base: _joined(recorded.get(base), table, base) for base in late_sensors(chain)}
     return {base: both for base, both in series.items() if both is not None}
 
 
 def _joined(recorded: Sequence[Sequence[float]] | None, table: pd.DataFrame, base: str) -> pd.DataFrame | None:
     """Times and temperatures recorded, and those of the commands after them; None where they have no clock in common.
 
-    Rows at one time are states, each in equilibrium. Commands that begin before the recording's end have its clock if
-    their temperatures are those that were recorded at these times (`clocks`).
+    Commands that begin before the recording's end have its clock if their temperatures are those that were recorded at
+    these times (`clocks`).
     """
     import pandas as pd
 
-    if recorded is None or base not in table or "time" not in table or np.ptp(clocks(table, base)):
+    if recorded is None or not is_series(table, base):
         return None
     own = [channel(table, name) for name in ("time", base)]
-    if not np.ptp(own[0]) > 0:
-        return None
     time, values = (np.concatenate([before, after]) for before, after in zip(recorded, own, strict=True))
     run = np.repeat(["recorded", "commanded"], [len(recorded[0]), len(table)])
     both = pd.DataFrame({"time": time, base: values, "run": run, "file": ""})
@@ -96,7 +99,7 @@ def _joined(recorded: Sequence[Sequence[float]] | None, table: pd.DataFrame, bas
 def started_anew(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> Iterator[str]:
     """A note on lagged channels that do not go on from the recording: they start in equilibrium."""
     series = on_one_clock(chain, recorded, table)
-    if names := [base for base in _sensors(chain) if base not in series]:
+    if names := [base for base in late_sensors(chain) if base not in series]:
         yield (
             f"{', '.join(names)} acts late, and what it was before the first row is not known: it is "
             "taken to have been as in that row for long (in each row, where all have one time). Times on the "

@@ -14,9 +14,9 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
-from errormodel.channels import channel, clocks, lagged
-from identification.uncertainty.other_assumption import Predict
-from identification.uncertainty.recording_end import Recorded, lags, on_one_clock
+from errormodel.channels import channel, fading, lagged
+from identification.uncertainty.other_assumption import Predict, half_change
+from identification.uncertainty.recording_end import Recorded, is_series, lags, late_sensors, on_one_clock
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,24 +45,21 @@ def with_unknown_temperatures(
         Position, error and standard uncertainty in mm.
     predict : such predictions of other rows, from their channels and labels.
     """
-    out = predicted.copy()
+    out, everywhere = predicted.copy(), np.arange(len(table))
     series = on_one_clock(chain, recorded, table)
-    for base in dict.fromkeys(of for _, _, of, _ in lags(chain)):
-        if base not in recorded or not _has_one_clock(table, base):
+    for base in late_sensors(chain):
+        if base not in recorded or not is_series(table, base):
             continue
         before, values = (np.asarray(v, dtype=np.float64) for v in recorded[base])
-        time, other = channel(table, "time"), list(channels)
-        for number, name, of, tau in lags(chain):
-            if of == base and name.startswith("lag("):
-                other[number] = channels[number] + led_astray(before, values, time, tau, goes_on=base in series)
-        change = predict(other, labels)[:, :3] - predicted[:, :3]
-        out[:, 6:] = np.hypot(out[:, 6:], change)
+        time = channel(table, "time")
+        astray = {
+            number: channels[number] + led_astray(before, values, time, tau, goes_on=base in series)
+            for number, name, of, tau in lags(chain)
+            if of == base and name.startswith("lag(")
+        }
+        half = half_change(channels, labels, predicted, predict, everywhere, astray)
+        out[:, 6:] = np.hypot(out[:, 6:], 2 * half[:, :3])
     return out
-
-
-def _has_one_clock(table: pd.DataFrame, base: str) -> bool:
-    """Whether the rows are a series in time; rows at one time are states in equilibrium."""
-    return {"time", base} <= {*table} and not np.ptp(clocks(table, base)) and bool(np.ptp(channel(table, "time")) > 0)
 
 
 def led_astray(before: Array, values: Array, time: Array, tau: float, *, goes_on: bool = True) -> Array:
@@ -73,20 +70,17 @@ def led_astray(before: Array, values: Array, time: Array, tau: float, *, goes_on
     before : (m,) times, s, of a recording's temperatures `values` (m,).
     time : (n,) of commands; `goes_on`: on the recording's clock, so that the lag is known in its rows.
     """
-    from scipy.linalg import solve_banded
-
     both = np.concatenate([before, time]) if goes_on else time
     order = np.argsort(both, kind="stable")
     gaps = np.diff(both[order], prepend=both.min())
     commanded = order >= len(both) - len(time)
-    # a bidiagonal system, as of the lag itself: over a step the variance keeps exp(-2 h/tau); in the recording it is 0
+    # over a step the variance keeps exp(-2 h/tau); in the recording it is 0
     kept = np.where(commanded, np.exp(-2 * gaps / tau), 0.0)
     more = np.where(commanded, _after_gap(before, values, tau, gaps) ** 2, 0.0)
     if not goes_on:
         more[0] = np.mean((lagged(before, values, tau) - values) ** 2)
-    bands = np.vstack([np.ones(len(both)), np.append(-kept[1:], 0.0)])
     out = np.empty(len(both))
-    out[order] = solve_banded((1, 0), bands, more)
+    out[order] = fading(kept[1:], more)
     return np.sqrt(out[-len(time) :])
 
 
@@ -100,18 +94,6 @@ def _after_gap(time: Array, values: Array, tau: float, gaps: Array) -> Array:
         starts = np.linspace(time.min(), time.max() - length, PIECES)
         piece = np.interp(starts[:, None] + length * part, time, values)
         uneven = piece - piece[:, :1] - part * (piece[:, -1:] - piece[:, :1])
-        rms.append(np.sqrt(np.mean((uneven @ _weights(length / tau)) ** 2)))
+        rms.append(np.sqrt(np.mean(lagged(length * part, uneven.T, tau)[-1] ** 2)))
     out: Array = np.interp(gaps, [0.0, *lengths], [0.0, *rms])
-    return out
-
-
-def _weights(length: float) -> Array:
-    """What each of `POINTS` values, linear in between, has in a lag at their end; `length` in time constants."""
-    step = length / (POINTS - 1)
-    kept = np.exp(-step)
-    slope = -np.expm1(-step) / step
-    fades = kept ** np.arange(POINTS - 2, -1, -1)
-    out = np.zeros(POINTS)
-    out[1:] += (1 - slope) * fades
-    out[:-1] += (slope - kept) * fades
     return out

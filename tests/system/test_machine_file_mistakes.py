@@ -47,6 +47,18 @@ EFFECTS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "a misspelt key": ("{effect: backlash, joints: X}", ("joints: unknown key", "Did you mean 'joint'?")),
     "too large": ("{effect: beam-sag, joint: X, exponent: 9}", ("exponent: 9. It must be less than or equal to 3",)),
+    "a tilt along the axis": (
+        "{effect: local-defect, joint: X, motion: dx, at: 100, width: 30, tilt: true}",
+        ("motion: dx, which is no displacement across the axis of X", "Write one of dy, dz"),
+    ),
+    "a tilt of a rotation": (
+        "{effect: contact-knee, joint: Z, motion: ea, at: -100, tilt: true}",
+        ("motion: ea, which is no displacement across the axis of Z", "Write one of dx, dy"),
+    ),
+    "a bend along the axis": (
+        "{effect: thermal-bending, joint: Z, motion: dz, sensor: T_a}",
+        ("motion: dz, which is no displacement across the axis of Z",),
+    ),
     "a word": ("{effect: beam-sag, joint: X, exponent: two}", ("exponent: 'two'. It must be a valid number.",)),
     "another motion": ("{effect: beam-sag, joint: X, motion: up}", ("motion: 'up'", "Valid: dx, dy, dz")),
     "along itself": ("{effect: beam-sag, joint: X, motion: dx}", ("dx is along it", "Write dy or dz")),

@@ -38,6 +38,8 @@ def initial_states(
     if not tau or best is None or effect.random:
         return
     change = float(np.ptp(model.start.channel(effect.drivers[0])))
+    if not change:  # of two sensors that of the member itself was steady
+        return
     taus = np.geomspace(SHORTER * tau, max(model.start.scene.duration, tau), TIMES)
 
     def rises(departure: float) -> Array:

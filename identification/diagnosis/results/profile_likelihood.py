@@ -15,7 +15,7 @@ import numpy as np
 
 from errormodel.effects.base import Effect
 from identification.diagnosis.results.effect_size import Amount
-from identification.diagnosis.results.initial_states import initial_states
+from identification.diagnosis.results.initial_states import CLEAR, initial_states
 from identification.diagnosis.search.candidates import WIDEST
 from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.scoring import Step
@@ -26,7 +26,6 @@ from identification.uncertainty.time_constants import OtherConstant
 FARTHEST = np.log(30.0)  # logarithm of the largest ratio: beyond it a lag is a line in time, or none
 STEPS = 32  # on either side
 SURE = FARTHEST / STEPS  # a tenth of the time constant: what is better known changes no prediction by more than that
-CLEAR = 4.0  # chi-squared: two standard uncertainties
 
 
 def other_constants(final: Fit, model: EffectModel, first: int) -> tuple[OtherConstant, ...]:

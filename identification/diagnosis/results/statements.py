@@ -148,10 +148,13 @@ def channel(name: str) -> str:
 
 def duration(seconds: float) -> str:
     """A time as one says it."""
-    for size, unit in ((3600.0, "h"), (60.0, "min")):
-        if seconds >= 1.5 * size:
-            return f"{seconds / size:.3g} {unit}"
-    return f"{seconds:.3g} s"
+    size, unit = time_unit(seconds)
+    return f"{seconds / size:.3g} {unit}"
+
+
+def time_unit(seconds: float) -> tuple[float, str]:
+    """Size, s, and name of the unit in which one says a time."""
+    return next(((s, u) for s, u in ((3600.0, "h"), (60.0, "min")) if seconds >= 1.5 * s), (1.0, "s"))
 
 
 def position(joint: Joint | None, value: float) -> str:
