@@ -56,8 +56,10 @@ from identification.diagnosis.results.findings import (
     probability_of,
 )
 from identification.diagnosis.results.nameless_alternative import checked_alternative
+from identification.diagnosis.results.other_lags import lags_left_open
+from identification.diagnosis.results.other_sensors import by_other_sensors, sensors_probability, sentence_of
 from identification.diagnosis.results.physical_limits import checked_name
-from identification.diagnosis.results.profile_likelihood import other_constants, time_constants
+from identification.diagnosis.results.profile_likelihood import other_effects, time_constants
 from identification.diagnosis.results.recorded_functions import alike_motions, recorded
 from identification.diagnosis.results.statements import (
     alike_of,
@@ -185,7 +187,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         causes.append(checked_alternative(cause, *earlier.get(g[0].effect.key, (model, g)), functions, log))
     nameless = [g[0].effect for g, cause in zip(model.findings, causes, strict=True) if cause.nameless]
     final = known_where_recorded(final, model, first, nameless)
-    final = replace(final, others=other_constants(final, model, first))
+    final = replace(final, others=other_effects(final, model, first))
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))
@@ -287,6 +289,8 @@ def _finding(
     same = _same_motions(main, model.start)
     others += [a for a in elsewhere(main, same) if (a.effect, a.where) not in known]
     statement = statement_of(whole, machine, hidden, probability, names)
+    sensors = sensors_probability(lags_left_open(final, model, step), main)
+    others += by_other_sensors(main, motions_of(main, linear), sensors)
     at = getattr(main, "at", None) if "time" in main.drivers else None
     finding = Finding(
         effect=main.effect,
@@ -297,7 +301,9 @@ def _finding(
         time=[float(at)] if at is not None else None,
         period=period_of(main, machine),
         periods=periods_of(main, machine),
-        statement=" ".join(filter(None, (statement, *(f"{t}." for t in results), alike_of(same, machine)))),
+        statement=" ".join(
+            filter(None, (statement, *(f"{t}." for t in results), alike_of(same, machine), sentence_of(main, sensors)))
+        ),
         parameters=whole.amounts,
         time_constants=[amount for s in group for amount in time_constants(final, model, s)],
         probability=probability,

@@ -159,6 +159,20 @@ def _fit(
     return replace(fit, tests=tuple(tests), notes=(*fit.notes, *more))
 
 
+def parameters_of(machine: Machine, fit: Fit, effect_sizes: float | None = None) -> dict[str, float]:
+    """All parameters by name, mm and rad, of another machine that is fitted to the rows of a fit, in its frames.
+
+    Parameters
+    ----------
+    effect_sizes : as of `fit_machine`.
+    """
+    with one_blas_thread():
+        chain = Chain(machine)
+        problem = build(chain, fit.survey, mount=fit.problem.mount, poses=fit.problem.frames)
+        own = solve(chain, problem.views, problem.unknowns, declared=problem.declared, effect_sizes=effect_sizes)
+    return own.named()
+
+
 def anchored(
     problem: Problem, rows: int, held: Array | None = None, judged: Judgement | None = None
 ) -> tuple[Problem, Array]:

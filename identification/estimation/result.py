@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from identification.bayes.posterior import Posterior
-    from identification.uncertainty.time_constants import OtherConstant
+    from identification.uncertainty.other_effects import OtherEffect
 
 
 TWO_SIGMA = 0.9772498680518208  # of a normal distribution lies below two standard deviations
@@ -122,7 +122,7 @@ class Fit:
     counted: tuple[View, ...] = ()
     serial: Noise | None = None  # serial correlation of the residuals
     systematic_mm: float = 0.0  # of a coordinate: what is left and is no noise, by a diagnosis
-    others: tuple[OtherConstant, ...] = ()  # time constants that the recording leaves open
+    others: tuple[OtherEffect, ...] = ()  # what the recording leaves open of effects
     streamed: Streamed | None = None  # the survey and its residuals are then those of a sample of the rows
 
     @property

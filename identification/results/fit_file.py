@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -92,13 +93,11 @@ class _SetUp(_Part):
     unit: str
 
 
-class _OtherConstant(_Part):
+class _OtherEffect(_Part):
     effect: Annotated[int, Field(ge=0)]
-    name: str
-    value: Annotated[Number, Field(gt=0)]
+    options: dict[str, Number | str]
     weight: Annotated[Number, Field(ge=0, le=1)]
     parameters: dict[str, Number]
-    initial: Number | None = None
 
 
 class FitFile(_Part):
@@ -120,7 +119,7 @@ class FitFile(_Part):
     sigma_interval_um: list[Figure] = []
     coverage: Annotated[Number, Field(gt=0)] = 1.0
     systematic_um: NotNegative = 0.0
-    time_constants: list[_OtherConstant] = []
+    other_effects: list[_OtherEffect] = []
     observations: list[_SetUp] = []
 
 
@@ -153,11 +152,16 @@ def check_parameters(path: Path, data: Mapping[str, Any], chain: Chain) -> None:
         unit = units.get(p["id"]) or unit_of_parameter(p["id"], chain)
         if p["unit"] != unit:
             raise InputError(where, f"the unit '{p['unit']}', where the machine's is {unit}", "Run the fit again")
-    for other in data.get("time_constants", ()):
+    for other in data.get("other_effects", ()):
         specs, number = chain.machine.effects, other["effect"]
-        if number >= len(specs) or other["name"] not in make(specs[number]).shapes():
-            found = f"a '{other['name']}' of the effect number {number + 1}, which the machine does not have"
-            raise InputError(f"{path}, key time_constants", found, "Run the diagnosis again")
+        found = f"the effect number {number + 1}, which the machine does not have"
+        if number < len(specs):
+            try:
+                make(replace(specs[number], options={**specs[number].options, **other["options"]}))
+                continue
+            except InputError as error:
+                found = f"of the effect number {number + 1}: {error.found}"
+        raise InputError(f"{path}, key other_effects", found, "Run the diagnosis again")
     if data["fitted"]["n"] and not data["frame"] and data["frame_mode"] != "fixed":
         raise InputError(f"{path}, key frame", "no measuring frame", "Run the fit again")
 

@@ -92,7 +92,7 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
         "inflation": fit.inflation,
         "coverage": fit.coverage,
         "systematic_um": 1e3 * fit.systematic_mm,
-        "time_constants": [asdict(other) for other in fit.others],
+        "other_effects": [asdict(other) for other in fit.others],
         "passes": s.passes,
         "converged": s.converged,
         "streamed": None if fit.streamed is None else _streamed_json(fit.streamed, len(fit.survey)),

@@ -21,8 +21,8 @@ from identification.results.set_ups import set_ups
 from identification.results.versions import read_json
 from identification.uncertainty.measured_range import covered
 from identification.uncertainty.one_side import only_sides
+from identification.uncertainty.other_effects import OtherEffect
 from identification.uncertainty.recording_end import runs_of, temperatures_of
-from identification.uncertainty.time_constants import OtherConstant
 
 SCHEMA = "errormodel.fit/1"
 CURE = "Give the folder that `errormodel fit ... --out DIR` wrote"
@@ -47,15 +47,15 @@ class StoredFit:
     free_reference: bool = False  # only readings were fitted, which do not show where the machine stands
     coverage: float = 1.0  # factor on standard uncertainties of predictions, for noise from few degrees of freedom
     systematic: float = 0.0  # mm of a coordinate, in the residuals, but no noise
-    others: tuple[OtherConstant, ...] = ()  # time constants that the recording leaves open
+    others: tuple[OtherEffect, ...] = ()  # what the recording leaves open of effects
     unlisted: tuple[str, ...] = ()  # what is said of a folder whose files cannot be checked
 
     @property
     def fitted(self) -> Spread:
         return Spread(**self.data["fitted"])
 
-    def with_constant(self, other: OtherConstant) -> StoredFit:
-        """The fit with another time constant, and what else was fitted with it."""
+    def with_effect(self, other: OtherEffect) -> StoredFit:
+        """The fit with another effect, and what else was fitted with it."""
         return replace(self, chain=Chain(other.machine(self.chain.machine)), values=dict(other.parameters), others=())
 
     @property
@@ -69,7 +69,7 @@ def recorded(fit: Fit) -> dict[str, Any]:
     return {
         "covered": covered(fit.chain, fit.span),
         "only_sides": only_sides(fit),
-        "temperatures": temperatures_of(fit.chain, fit.span),
+        "temperatures": temperatures_of(fit.chain, fit.span, [s for other in fit.others for s in other.sensors]),
         "runs": runs_of(fit.chain, fit.span),
     }
 
@@ -123,10 +123,8 @@ def read_files(folder: Path) -> StoredFit:
             float(data.get("coverage", 1.0)),
             1e-3 * float(data.get("systematic_um", 0.0)),
             tuple(
-                OtherConstant(
-                    o["effect"], o["name"], float(o["value"]), float(o["weight"]), o["parameters"], o.get("initial")
-                )
-                for o in data.get("time_constants", [])
+                OtherEffect(o["effect"], o["options"], float(o["weight"]), o["parameters"])
+                for o in data.get("other_effects", [])
             ),
         )
     except OSError as error:

@@ -23,6 +23,7 @@ from identification.observation.pose import IDENTITY, Pose
 from identification.results.stored_fit import StoredFit
 from identification.uncertainty.measured_range import beyond_notes
 from identification.uncertainty.one_side import from_other_sides
+from identification.uncertainty.other_effects import OtherEffect, recorded_in, unrecorded, with_other_effects
 from identification.uncertainty.read_on_the_fly import on_the_fly, perhaps_at_rest
 from identification.uncertainty.reading_prediction import predicted_readings, rigid_parts
 from identification.uncertainty.recording_end import (
@@ -34,7 +35,6 @@ from identification.uncertainty.recording_end import (
     started_anew,
     with_runs,
 )
-from identification.uncertainty.time_constants import OtherConstant, with_other_constants
 from identification.uncertainty.unknown_rests import rested, with_other_use
 from identification.uncertainty.unknown_sides import midway
 from identification.uncertainty.unknown_temperatures import with_unknown_temperatures
@@ -90,11 +90,11 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     channels = _channels(fit, points)
     out = _predict_rows(fit, channels, labels)
 
-    def with_constant(other: OtherConstant) -> Array:
-        own = fit.with_constant(other)
+    def with_effect(other: OtherEffect) -> Array:
+        own = fit.with_effect(other)
         return _predict_rows(own, _channels(own, points), labels)
 
-    out = with_other_constants(fit.others, out, with_constant)
+    out = with_other_effects(recorded_in(fit.others, points.table), out, with_effect)
     recorded = fit.data.get("temperatures", {})
     out = with_unknown_temperatures(
         fit.chain, recorded, points.table, channels, labels, out, partial(_predict_rows, fit)
@@ -161,7 +161,14 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     misfit = (MISFIT.format(ratio),) if (ratio := _misfit(fit)) ** 2 > MISFIT_RATIO else ()
     left = (LEFT.format(1e3 * fit.systematic),) if fit.systematic else ()
     mistakes = (MISTAKE.format(text=text) for text in mended_words(fit.chain.machine))
-    changes = (*late, *ended, *idle, *moving, *from_other_sides(fit.chain, fit.data.get("only_sides", {}), points))
+    changes = (
+        *late,
+        *unrecorded(fit.others, points.table),
+        *ended,
+        *idle,
+        *moving,
+        *from_other_sides(fit.chain, fit.data.get("only_sides", {}), points),
+    )
     return (*misfit, *left, *mistakes, *own, *_unfitted(fit, points), *free, *beyond, *changes, *_arrivals(fit, points))
 
 

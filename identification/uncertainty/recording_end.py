@@ -7,7 +7,7 @@ as it was in the last recorded one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,10 +39,15 @@ def late_sensors(chain: Chain) -> list[str]:
     return list(dict.fromkeys(base for _, _, base, _ in lags(chain)))
 
 
-def temperatures_of(chain: Chain, table: pd.DataFrame) -> dict[str, list[list[float]]]:
-    """What a recording has of each sensor that acts late; nothing where its rows have several clocks, or one time."""
+def temperatures_of(chain: Chain, table: pd.DataFrame, further: Iterable[str] = ()) -> dict[str, list[list[float]]]:
+    """What a recording has of each sensor that acts late; nothing where its rows have several clocks, or one time.
+
+    Parameters
+    ----------
+    further : sensors that may act late as well.
+    """
     out = {}
-    for base in late_sensors(chain):
+    for base in dict.fromkeys([*late_sensors(chain), *further]):
         if is_series(table, base):
             time = channel(table, "time")
             kept = np.argsort(time, kind="stable")

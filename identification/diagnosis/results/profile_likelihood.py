@@ -1,4 +1,4 @@
-"""Time constants on either side of the likeliest, as far as the profile likelihood leaves them open.
+"""What a recording leaves open of effects, with all parameters fitted to it; time constants by profile likelihood.
 
 The likelihood, maximised over all other parameters, is averaged over the logarithm of the time constant: what lies
 below the likeliest, and what above, is represented by its root mean square (Y. Pawitan, In All Likelihood, 2001,
@@ -15,21 +15,25 @@ import numpy as np
 
 from errormodel.effects.base import Effect
 from identification.diagnosis.results.effect_size import Amount
-from identification.diagnosis.results.initial_states import CLEAR, initial_states
+from identification.diagnosis.results.other_lags import lags_left_open, rows_of
+from identification.diagnosis.results.other_sensors import sensors_probability
 from identification.diagnosis.search.candidates import WIDEST
 from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.scoring import Step
-from identification.estimation.fit import fit_machine
+from identification.estimation.fit import parameters_of
 from identification.estimation.result import Fit
-from identification.uncertainty.time_constants import OtherConstant
+from identification.uncertainty.other_effects import OtherEffect
 
 FARTHEST = np.log(30.0)  # logarithm of the largest ratio: beyond it a lag is a line in time, or none
 STEPS = 32  # on either side
+CLEAR = 4.0  # chi-squared: two standard uncertainties
 SURE = FARTHEST / STEPS  # a tenth of the time constant: what is better known changes no prediction by more than that
 
 
-def other_constants(final: Fit, model: EffectModel, first: int) -> tuple[OtherConstant, ...]:
-    """Of each time constant that is not well known a smaller and a larger one, with all parameters fitted to them.
+def other_effects(final: Fit, model: EffectModel, first: int) -> tuple[OtherEffect, ...]:
+    """Other time constants, sensors and first states of effects that the recording leaves open, and all fitted to them.
+
+    Of each time constant that is not well known there is a smaller and a larger one.
 
     Parameters
     ----------
@@ -37,19 +41,22 @@ def other_constants(final: Fit, model: EffectModel, first: int) -> tuple[OtherCo
     """
     out = []
     for number, step in enumerate(model.steps):
-        if step.parent is not None:  # a further lag corrects the form of a first one
+        effect = step.effect
+        if step.parent is not None or effect.random:  # a further lag corrects the form of a first one
             continue
-        if not (names := _time_constants(step.effect, final)):
-            continue
-        rise, trials = _rise(final, model, step), []
-        for name in names:
-            for value, weight in _sides(float(getattr(step.effect, name)), partial(_with, rise, name)):
-                trials.append(OtherConstant(first + number, name, value, weight, {}))
-        for tau, initial, weight in initial_states(model, step.effect, rise):
-            trials.append(OtherConstant(first + number, "tau", tau, weight, {}, initial))
-        for trial in trials:
-            other = fit_machine(trial.machine(final.chain.machine), final.survey, effect_sizes=WIDEST)
-            out.append(replace(trial, parameters=other.solution.named()))
+        trials = list[tuple[dict[str, float | str], float]]()
+        if names := _time_constants(effect, final):
+            rise = _rise(final, model, step)
+            for name in names:
+                of_value = partial(_with, rise, name)
+                trials += [({name: value}, weight) for value, weight in _sides(float(getattr(effect, name)), of_value)]
+        others = lags_left_open(final, model, step)
+        elsewhere = sum(sensors_probability(others, effect).values())
+        trials = [(options, (1 - elsewhere) * weight) for options, weight in trials] + others
+        for options, weight in trials:
+            trial = OtherEffect(first + number, options, weight, {})
+            parameters = parameters_of(trial.machine(final.chain.machine), final, WIDEST)
+            out.append(replace(trial, parameters=parameters))
     return tuple(out)
 
 
@@ -96,8 +103,8 @@ def _with(rise: Callable[[Mapping[str, float]], float], name: str, value: float)
 def _rise(final: Fit, model: EffectModel, step: Step) -> Callable[[Mapping[str, float]], float]:
     """Rise of chi-squared where fields of the step's effect have other values."""
     beside = model.without([step])
-    rows = len(final.survey) / max(len(np.unique(model.start.index)), 1)  # that each row of the linear model stands for
-    variance, least = model.linear.square / model.linear.freedom / rows, beside.square_with(step.effect)
+    variance = model.linear.square / model.linear.freedom / rows_of(final, model)
+    least = beside.square_with(step.effect)
 
     def rise(values: Mapping[str, float]) -> float:
         return (beside.square_with(step.effect.model_copy(update=dict(values))) - least) / variance

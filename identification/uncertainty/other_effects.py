@@ -1,0 +1,81 @@
+"""Uncertainty by what a recording leaves open of an effect: its time constant, its sensor, what its lag began with.
+
+A recording that is short beside a time constant hardly shows it, and of two sensors that warmed alike it does not show
+which one is the cause. In its rows that matters little, since the sizes of effects make up for it; hours later it is
+most of the uncertainty. Predictions are averaged over these models, each fitted as a whole (J. A. Hoeting et al.,
+Bayesian model averaging, Statistical Science 14, 1999).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.machine import EffectSpec, Machine
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class OtherEffect:
+    """A model in which one effect has other fields.
+
+    Attributes
+    ----------
+    effect : number of the effect in the machine.
+    options : its fields that are others: `tau` (s), `initial` (K), `sensor` and the like, as in ``machine.yaml``.
+    weight : the probability of those models that it stands for.
+    parameters : all parameters by name, fitted with it: mm, rad, and as their effects have them.
+    """
+
+    effect: int
+    options: Mapping[str, float | str]
+    weight: float
+    parameters: Mapping[str, float]
+
+    def machine(self, machine: Machine) -> Machine:
+        """The machine with that effect."""
+        effects = [*machine.effects]
+        effects[self.effect] = EffectSpec(effects[self.effect].effect, {**effects[self.effect].options, **self.options})
+        return replace(machine, effects=tuple(effects))
+
+    @property
+    def sensors(self) -> list[str]:
+        """Columns that it needs and the machine's own effect may not: those of other sensors."""
+        return [str(self.options[name]) for name in ("sensor", "minus") if name in self.options]
+
+
+def recorded_in(others: Iterable[OtherEffect], table: pd.DataFrame) -> list[OtherEffect]:
+    """Those of which the rows have all temperatures."""
+    return [other for other in others if all(name in table for name in other.sensors)]
+
+
+def unrecorded(others: Sequence[OtherEffect], table: pd.DataFrame) -> Iterator[str]:
+    """Notes on sensors that may be the cause as well, and of which the rows have no column."""
+    for name in dict.fromkeys(name for other in others for name in other.sensors if name not in table):
+        chance = sum(other.weight for other in others if name in other.sensors)
+        yield (
+            f"{name} may drive what the model has of another sensor (probability {chance:.2f}), and the rows have no "
+            f"column {name}: what it would change is not in their uncertainty. Add the column"
+        )
+
+
+def with_other_effects(
+    others: Iterable[OtherEffect], predicted: Array, predict: Callable[[OtherEffect], Array]
+) -> Array:
+    """Predictions (n, 9) with what others change in their uncertainty: the mean square of it.
+
+    Parameters
+    ----------
+    predicted : position, error and standard uncertainty, mm; `predict`: the same with another effect.
+    """
+    out = predicted.copy()
+    for other in others:
+        change = predict(other)[:, :3] - predicted[:, :3]
+        out[:, 6:] = np.hypot(out[:, 6:], np.sqrt(other.weight) * change)
+    return out
