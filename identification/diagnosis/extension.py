@@ -20,7 +20,7 @@ from identification.diagnosis.linear.row_residuals import spread
 from identification.diagnosis.results.combined_waves import Wave, largest_wave
 from identification.diagnosis.results.findings import Untestable
 from identification.diagnosis.results.model_discrepancy import with_form
-from identification.diagnosis.results.nameless_alternative import without_wanderers
+from identification.diagnosis.results.nameless_alternative import with_names_again, without_wanderers
 from identification.diagnosis.results.physical_limits import times_usual
 from identification.diagnosis.results.recorded_functions import Functions
 from identification.diagnosis.results.residual_dependence import predicted
@@ -114,7 +114,7 @@ def explained(
         log.again()  # it was what was found
         return explained(plain, given, changes, progress, log, impossible, isotropic=True)
     del candidates, selected  # hundreds of megabytes that the fit of all rows needs
-    model, witnessed = apply_witnesses(in_correlated_noise(chosen, log), log)
+    model, witnessed = apply_witnesses(with_names_again(in_correlated_noise(chosen, log), log), log)
     model, wanders = without_wanderers(model, log)
     first = len(fit.chain.machine.effects) + len(changes)
     final = fit

@@ -298,6 +298,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "unlikely-name": Rule(
             NAMES, "probability", "A name that is less likely than not is none.", _decided("EVEN"),
         ),
+        "name-again": Rule(
+            NAMES, EVIDENCE, "A form without a name that does not lead a name clearly at last has that name.",
+            _decided("CLEARLY"),
+        ),
         "nameless-alternative": Rule(
             NAMES, EVIDENCE, "A finding has a name only if no function without one explains it better.",
             _decided("NAME_ODDS", "DEPARTURES", "CLEARLY"),

@@ -23,11 +23,17 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.findings import Alternative, Finding, probabilities_of, probability_of
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.physical_limits import nameless
-from identification.diagnosis.results.recorded_functions import Functions, alike_motions, in_one_motion, wandering
+from identification.diagnosis.results.recorded_functions import (
+    Functions,
+    alike_motions,
+    in_one_motion,
+    recorded,
+    wandering,
+)
 from identification.diagnosis.search.candidates import score_of
 from identification.diagnosis.search.criteria import base_channels, moves
 from identification.diagnosis.search.model import EffectModel, of_groups
-from identification.diagnosis.search.scoring import DETECT, Step
+from identification.diagnosis.search.scoring import DETECT, Step, posterior
 
 # minus the log prior probability of a departure as large as the form: the exponential distribution of `DEPARTURES`
 DEPARTURE_COST = max(DEPARTURES.values()) / max(DEPARTURES)
@@ -83,6 +89,45 @@ def refusal(model: EffectModel, group: Sequence[Step], functions: Sequence[Funct
     lead = evidence - instead + NAME_ODDS
     log.add("nameless-alternative", "kept" if lead > 0 else "refused", main, lead, 0.0, beside=_words(best))
     return None if lead > 0 else f"a function without a name explains as much ({_words(best)})"
+
+
+def with_names_again(model: EffectModel, log: DecisionLog) -> EffectModel:
+    """The model with a name in place of each form that does not lead it clearly any more, beside all other findings.
+
+    Under correlated noise, too, which explains a part of what a form explained. A name that is refused is none, and no
+    alternative.
+    """
+    for k in range(len(model.findings)):
+        while (other := _with_name(model, k)) is not None:
+            name = other.findings[k][0]
+            main = model.findings[k][0]
+            functions = recorded(model.start, np.unique(model.start.index))
+            kept = refusal(other, [name], functions, log) is None
+            lead = main.evidence - name.evidence
+            log.add("name-again", "preferred" if kept else "refused", name.effect, lead, CLEARLY, beside=main.effect)
+            if kept:
+                model = other
+                break
+            rest = tuple(s for s in main.alternatives if s.effect.effect != name.effect.effect)
+            model = _with_group(model, k, [replace(main, alternatives=rest), *model.findings[k][1:]])
+    return model
+
+
+def _with_name(model: EffectModel, number: int) -> EffectModel | None:
+    """The model with the likeliest name that a form does not lead clearly in its place; None where there is none."""
+    main = model.findings[number][0]
+    names = [s for s in main.alternatives if not s.effect.empirical and main.evidence - s.evidence <= CLEARLY]
+    if not main.effect.empirical or not names:
+        return None
+    name = max(names, key=posterior)
+    others = tuple(s for s in (main, *main.alternatives) if s is not name)
+    return _with_group(model, number, [replace(name, alternatives=others)])
+
+
+def _with_group(model: EffectModel, number: int, group: Sequence[Step]) -> EffectModel:
+    """The model with another finding in place of one."""
+    groups = model.findings
+    return of_groups(model.start, [*groups[:number], group, *groups[number + 1 :]])
 
 
 def without_wanderers(model: EffectModel, log: DecisionLog) -> tuple[EffectModel, Functions | None]:
