@@ -12,7 +12,7 @@ from errormodel.effects.base import Effect
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.first_approach import likelier_sides
-from identification.diagnosis.decisions.constants import NO_WORSE
+from identification.diagnosis.decisions.constants import NO_WORSE, SIZES
 from identification.diagnosis.decisions.log import DecisionLog, ratio
 from identification.diagnosis.jumps import jumps_instead
 from identification.diagnosis.linear.of_fit import LEAST_RUN, MOST_ROWS, set_up, unused_runs
@@ -34,6 +34,7 @@ from identification.diagnosis.search.instrument_noise import line_of_sight, trac
 from identification.diagnosis.search.model import EffectModel, of_groups, with_estimated_sizes
 from identification.diagnosis.search.model_comparison import compare_alternatives
 from identification.diagnosis.search.proposals import enough_rows, proposed
+from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.search.taken_over import Searched
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
@@ -169,29 +170,35 @@ def that_predicts(
         return spread(fit, heldout=True).rms_um or 0.0
 
     final = extended(model)
-    while model.findings and not (larger := _too_large(model, final, first, log)):
-        if error(final) <= NO_WORSE * error(fit):
+    while model.findings:
+        large = _too_large(model, final, first, log)
+        if further := [s for s in large if s.parent is not None]:  # without a second sensor or lag it may be usual
+            model = of_groups(model.start, [[s for s in g if s not in further] for g in model.findings])
+        elif large:
+            return model, final, {(s.effect.effect, s.effect.where) for s in large}
+        elif error(final) <= NO_WORSE * error(fit):
             return model, with_form(final, model, first), set()
-        out = min((g[0] for g in model.findings), key=lambda s: s.evidence)
-        log.add("prediction-made-worse", "removed", out.effect, ratio(error(final), error(fit)), NO_WORSE)
-        model = of_groups(model.start, [g for g in model.findings if g[0] is not out])
+        else:
+            out = min((g[0] for g in model.findings), key=lambda s: s.evidence)
+            log.add("prediction-made-worse", "removed", out.effect, ratio(error(final), error(fit)), NO_WORSE)
+            model = of_groups(model.start, [g for g in model.findings if g[0] is not out])
         final = extended(model)
-    return model, final, larger if model.findings else set()
+    return model, final, set()
 
 
-def _too_large(model: EffectModel, final: Fit, first: int, log: DecisionLog) -> set[tuple[str, str]]:
-    """Names and places of effects by time or temperature that are larger than physics has them.
+def _too_large(model: EffectModel, final: Fit, first: int, log: DecisionLog) -> list[Step]:
+    """Effects by time or temperature that are larger than physics has them.
 
     Later times and other temperatures are beyond what was measured: there such a form is no prediction.
     """
-    out = set()
+    out = []
     for k, step in enumerate(model.steps):
         effect = step.effect
-        if step.parent is None and not effect.random and _by_temperature(effect):
+        if not effect.random and _by_temperature(effect):
             times, _ = times_usual(effect, final.chain.effect_ids[first + k], final)
-            if times > WIDEST:
-                log.add("physical-size", "removed", effect, times, WIDEST)
-                out.add((effect.effect, effect.where))
+            if times > max(SIZES):
+                log.add("physical-size", "removed", effect, times, max(SIZES))
+                out.append(step)
     return out
 
 
