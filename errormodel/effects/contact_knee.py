@@ -6,15 +6,16 @@ Examples are covers, stops and lifting guides. Units: mm or rad per travel of th
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
+from pydantic import model_validator
 
 from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects.base import PLACE, Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.ops import fmax
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import across, joint_as, tilting
+from errormodel.effects.shared import across, each_motion, joint_as, tilting
 from errormodel.effects.travel import length, usual_size
 from errormodel.machine import Machine, joint_of
 
@@ -28,7 +29,7 @@ class ContactKnee(JointEffect):
     """`motion` proportional to the distance beyond `at` (mm or rad per full travel), zero on the other side of `at`.
 
     With `tilt` a linear carriage that leaves one of its pads both moves aside and tilts about the axis across both: a
-    second parameter is that rotation, in proportion to the same distance.
+    second parameter is that rotation, in proportion to the same distance. With motion ``all`` each of the six moves so.
     """
 
     effect: ClassVar[str] = "contact-knee"
@@ -38,10 +39,16 @@ class ContactKnee(JointEffect):
     separate: ClassVar[str] = "a dial gauge at the contact, and positions close together around the knee, both ways"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "motion": "dz", "at": 1400.0}
 
-    motion: Motion
+    motion: Motion | Literal["all"]
     at: Annotated[float, PLACE]  # mm or rad
     side: Side = "above"
     tilt: bool = False
+
+    @model_validator(mode="after")
+    def _one_motion(self) -> Self:
+        if self.motion == "all" and self.tilt:
+            raise ValueError("with tilt a carriage moves aside in one motion: motion: dz")
+        return self
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -50,6 +57,8 @@ class ContactKnee(JointEffect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint, sense = joint_of(machine, self.joint), 1 if self.side == "above" else -1
         beyond = fmax(sense * (channel(self.joint) - self.at), 0) / length(joint)
+        if self.motion == "all":
+            return each_motion(self.joint, MOTIONS, beyond, (2 * usual_size("dx"), 2 * usual_size("ea")))
         out = [EffectTerm(self.joint, "", unit_of(self.motion), {self.motion: beyond}, 2 * usual_size(self.motion))]
         if self.tilt:
             carriage = joint_as(machine, self.joint, "prismatic", self.effect)
@@ -61,6 +70,8 @@ class ContactKnee(JointEffect):
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for joint in scene.moving:
             for at in np.linspace(*scene.span(joint), KNEE_POSITIONS + 2)[1:-1].tolist():
+                if joint.type == "prismatic":
+                    yield cls(joint=joint.name, motion="all", at=at)
                 for motion in MOTIONS:
                     # both sides differ by a straight line: where the geometry has one, the two are collinear
                     straight = joint.type == "prismatic" and motion in joint.models

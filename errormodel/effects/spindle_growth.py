@@ -15,6 +15,8 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Initial, Lag, each_motion, lags, outward, outward_words, thermal, warmth
 from errormodel.machine import Machine, Shape
 
+WHOLE = 2.3  # log prior odds, 10 to 1, against a head that moves and tilts in all motions; by judgement
+
 
 class SpindleGrowth(Effect):
     """``growth * (temperature - 20)`` along the tool, mm/K; positive: outward.
@@ -47,8 +49,12 @@ class SpindleGrowth(Effect):
         return thermal(self.sensor, self.minus)
 
     def cost(self, scene: Scene) -> float:
-        """Natural logarithm of the prior odds against it, unless the sensor's name says that it is the spindle's."""
-        return super().cost(scene) + (0.0 if "spindle" in self.sensor.lower() else 4.0)
+        """Natural logarithm of the prior odds against it.
+
+        Unless the sensor's name says that it is the spindle's; and a spindle seldom moves in all motions.
+        """
+        own = 0.0 if "spindle" in self.sensor.lower() else 4.0
+        return super().cost(scene) + own + (WHOLE if self.motion == "all" else 0.0)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = warmth(channel, self.sensor, self.minus, self.tau, self.initial)

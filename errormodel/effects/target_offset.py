@@ -75,6 +75,6 @@ class TargetOffset(Effect):
             if len(tools) <= MOST_TOOLS:
                 for tool in tools.tolist():
                     yield cls(tool=tuple(tool))
-        if scene.moving and scene.moving[-1].type == "rotary":  # else it is a shift of what carries the tool
+        if any(joint.type == "rotary" for joint in scene.moving):  # else it is a shift of the station
             yield from (cls(run=run) for run in switched(scene))
             yield from (cls(at=at) for at in moments(scene))
