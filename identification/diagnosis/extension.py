@@ -41,6 +41,10 @@ from identification.estimation.result import Fit
 from identification.runtime.memory import give_back
 from identification.runtime.progress import Progress
 
+LARGEST = max(
+    SIZES
+)  # times the usual size: of 358 findings by temperature or time three were larger, two of them wrong
+
 
 @dataclass(frozen=True)
 class Explanation:
@@ -196,8 +200,8 @@ def _too_large(model: EffectModel, final: Fit, first: int, log: DecisionLog) -> 
         effect = step.effect
         if not effect.random and _by_temperature(effect):
             times, _ = times_usual(effect, final.chain.effect_ids[first + k], final)
-            if times > max(SIZES):
-                log.add("physical-size", "removed", effect, times, max(SIZES))
+            if times > LARGEST:
+                log.add("physical-size", "removed", effect, times, LARGEST)
                 out.append(step)
     return out
 

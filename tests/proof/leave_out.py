@@ -64,7 +64,11 @@ LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
     "one-direction-instead": ((_SEARCH + "instrument_noise", "gain_of_covariance", lambda residuals: -FOREVER),),
     "serial-correlation": ((_RESULTS + "verdict", "wandering_text", lambda final, log: ""),),
     "physical-bound": ((_RESULTS + "physical_limits", "CONTRADICTED_SIGMA", FOREVER),),
-    "physical-size": ((_RESULTS + "physical_limits", "WIDEST", FOREVER),),
+    "physical-size": (
+        (_RESULTS + "physical_limits", "WIDEST", FOREVER),
+        ("identification.diagnosis.extension", "LARGEST", FOREVER),
+    ),
+    "name-again": (("identification.diagnosis.extension", "with_names_again", _same),),
 }
 
 

@@ -50,7 +50,7 @@ def test_what_no_member_does_has_no_name() -> None:
 
 def test_without_a_cause_that_is_too_large_it_is_looked_for_another(monkeypatch: pytest.MonkeyPatch) -> None:
     """A member that moves by 80 um/K, where 30 are taken to be the most: something without that name is looked for."""
-    monkeypatch.setattr(extension, "WIDEST", 3.0)
+    monkeypatch.setattr(extension, "LARGEST", 3.0)
     survey = empty_survey(MACHINE, 220, 12, channels=True, grid=False)
     fields: dict[str, object] = {"element": "column", "motion": "dy", "sensor": "T_0"}
     moved = showing(survey, MACHINE, [(EffectSpec("structure-drift", fields), [0.08])], 0.003)

@@ -31,6 +31,7 @@ def test_run_that_differs_by_a_constant(name: str) -> None:
     homed.loc[second, "X"] -= 0.012
     (finding,) = diagnose(machine, replace(survey, table=homed)).diagnosis.findings
     assert (finding.effect, finding.where, finding.motion, finding.runs) == ("unnamed", "X", ["dx"], ["2"])
+    assert finding.probability > 0.9  # a name that is refused takes nothing from it
     moved = table.copy()
     moved.loc[second, MEASURED] += [0.012, -0.004, 0.007]
     (finding,) = diagnose(machine, replace(survey, table=moved)).diagnosis.findings

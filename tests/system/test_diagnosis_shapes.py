@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -80,10 +81,27 @@ def test_an_instrument_whose_scale_changed(machine: Machine, survey: Survey) -> 
     assert (finding.effect, finding.runs) == ("scale-ppm", ["3", "4"])
 
 
-@pytest.mark.parametrize(("word", "place"), [("station-shift", "frame"), ("target-offset", "tool")])
-def test_runs_without_a_clock(word: str, place: str) -> None:
+def test_a_carriage_that_leaves_a_pad_in_all_motions(machine: Machine, survey: Survey) -> None:
+    spec = EffectSpec("contact-knee", {"joint": "X", "motion": "all", "at": 120.0})
+    shown = showing(survey, machine, [(spec, [0.02, 0.06, -0.05, 9e-5, 0.0, -6e-5])], 0.003)
+    (finding,) = diagnose(machine, shown).diagnosis.findings
+    assert (finding.effect, finding.where, len(finding.motion)) == ("contact-knee", "X", 6)
+    at = re.search(r", at (\d+) mm", finding.statement)
+    assert at is not None
+    assert float(at[1]) == pytest.approx(120, abs=25)  # mm: of 1000 mm of travel
+
+
+@pytest.mark.parametrize(
+    ("word", "place", "name"),
+    [
+        ("station-shift", "frame", "vertical_three_axis"),
+        ("target-offset", "tool", "fork_head_five_axis"),
+        ("target-offset", "tool", "five_axis_table_quill"),  # only its tables turn
+    ],
+)
+def test_runs_without_a_clock(word: str, place: str, name: str) -> None:
     """What was knocked before the third run, and nothing tells the time: it acts in the third and the fourth."""
-    machine = read_machine("fork_head_five_axis" if word == "target-offset" else "vertical_three_axis")
+    machine = read_machine(name)
     survey = empty_survey(machine, 320, 5, channels=False, grid=False)
     survey = replace(survey, table=survey.table.assign(run=np.repeat(list("1234"), 80)))
     shown = showing(survey, machine, [(EffectSpec(word, {"run": ("3", "4")}), [0.02, -0.015, 0.01])], 0.003)
@@ -113,6 +131,7 @@ def test_slopes_of_polynomials(degree: int) -> None:
     [
         ("higher-order-geometry", {"joint": "X", "motion": "ea", "slope": True}, "a slope is that of a straightness"),
         ("structure-drift", {"element": "T1", "motion": "all", "sensor": "T_bed", "order": 1}, "one motion"),
+        ("contact-knee", {"joint": "X", "motion": "all", "at": 120.0, "tilt": True}, "moves aside in one motion"),
     ],
 )
 def test_what_has_no_meaning_is_refused(word: str, options: dict[str, object], said: str) -> None:

@@ -316,7 +316,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "physical-size": Rule(
             NAMES, "times the usual size", "So does one that is too large for the widest of the prior distributions.",
-            _decided("SIZES") + _in("search.candidates", "WIDEST"),
+            _decided("SIZES") + _in("search.candidates", "WIDEST") + _in("extension", "LARGEST"),
         ),
         "distinguishable": Rule(
             NAMES, "decimal logarithm of the Bayes factor",

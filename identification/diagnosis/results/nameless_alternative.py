@@ -95,22 +95,42 @@ def with_names_again(model: EffectModel, log: DecisionLog) -> EffectModel:
     """The model with a name in place of each form that does not lead it clearly any more, beside all other findings.
 
     Under correlated noise, too, which explains a part of what a form explained. A name that is refused is none, and no
-    alternative.
+    alternative; a form that leads it comes back in its place.
     """
     for k in range(len(model.findings)):
+        model = _without_refused(model, k, log)
         while (other := _with_name(model, k)) is not None:
-            name = other.findings[k][0]
-            main = model.findings[k][0]
-            functions = recorded(model.start, np.unique(model.start.index))
-            kept = refusal(other, [name], functions, log) is None
+            name, main = other.findings[k][0], model.findings[k][0]
+            kept = _refused(other, k, log) is None
             lead = main.evidence - name.evidence
             log.add("name-again", "preferred" if kept else "refused", name.effect, lead, CLEARLY, beside=main.effect)
             if kept:
                 model = other
                 break
-            rest = tuple(s for s in main.alternatives if s.effect.effect != name.effect.effect)
-            model = _with_group(model, k, [replace(main, alternatives=rest), *model.findings[k][1:]])
+            model = _with_group(model, k, [_without_name(main, name), *model.findings[k][1:]])
     return model
+
+
+def _refused(model: EffectModel, number: int, log: DecisionLog) -> str | None:
+    """Why a finding has no name, by all functions that were recorded."""
+    functions = recorded(model.start, np.unique(model.start.index))
+    return refusal(model, model.findings[number], functions, log)
+
+
+def _without_refused(model: EffectModel, number: int, log: DecisionLog) -> EffectModel:
+    """The model with the form that leads a name in its place, where the name is refused."""
+    main, own = model.findings[number][0], DecisionLog()
+    form = max((s for s in main.alternatives if s.effect.empirical), key=lambda s: s.evidence, default=main)
+    if main.effect.empirical or form.evidence <= main.evidence or _refused(model, number, own) is None:
+        return model
+    log.join(own)
+    others = tuple(s for s in main.alternatives if s is not form)
+    return _with_group(model, number, [_without_name(replace(form, alternatives=others), main)])
+
+
+def _without_name(step: Step, name: Step) -> Step:
+    """A step of whose alternatives none has a name."""
+    return replace(step, alternatives=tuple(s for s in step.alternatives if s.effect.effect != name.effect.effect))
 
 
 def _with_name(model: EffectModel, number: int) -> EffectModel | None:
