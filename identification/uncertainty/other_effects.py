@@ -46,22 +46,22 @@ class OtherEffect:
 
     @property
     def sensors(self) -> list[str]:
-        """Columns that it needs and the machine's own effect may not: those of other sensors."""
+        """Other sensors than the machine's own effect has."""
         return [str(self.options[name]) for name in ("sensor", "minus") if name in self.options]
 
-
-def recorded_in(others: Iterable[OtherEffect], table: pd.DataFrame) -> list[OtherEffect]:
-    """Those of which the rows have all temperatures."""
-    return [other for other in others if all(name in table for name in other.sensors)]
+    def missing(self, table: pd.DataFrame) -> list[str]:
+        """Columns of rows that it needs and that are not there, or not in all rows."""
+        needed = [*self.sensors, *(["time"] if self.options.get("tau") else [])]
+        return [name for name in needed if name not in table or table[name].isna().any()]
 
 
 def unrecorded(others: Sequence[OtherEffect], table: pd.DataFrame) -> Iterator[str]:
-    """Notes on sensors that may be the cause as well, and of which the rows have no column."""
-    for name in dict.fromkeys(name for other in others for name in other.sensors if name not in table):
-        chance = sum(other.weight for other in others if name in other.sensors)
+    """Notes on what may be the cause as well, and is not in all rows."""
+    for name in dict.fromkeys(name for other in others for name in other.missing(table)):
+        chance = sum(other.weight for other in others if name in other.missing(table))
         yield (
-            f"{name} may drive what the model has of another sensor (probability {chance:.2f}), and the rows have no "
-            f"column {name}: what it would change is not in their uncertainty. Add the column"
+            f"with a probability of {chance:.2f} an effect of the model is by {name} in truth, which is not in all "
+            f"rows: what it would change is not in their uncertainty. Add the column {name}"
         )
 
 

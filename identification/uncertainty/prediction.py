@@ -23,7 +23,7 @@ from identification.observation.pose import IDENTITY, Pose
 from identification.results.stored_fit import StoredFit
 from identification.uncertainty.measured_range import beyond_notes
 from identification.uncertainty.one_side import from_other_sides
-from identification.uncertainty.other_effects import OtherEffect, recorded_in, unrecorded, with_other_effects
+from identification.uncertainty.other_effects import OtherEffect, unrecorded, with_other_effects
 from identification.uncertainty.read_on_the_fly import on_the_fly, perhaps_at_rest
 from identification.uncertainty.reading_prediction import predicted_readings, rigid_parts
 from identification.uncertainty.recording_end import (
@@ -94,7 +94,8 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
         own = fit.with_effect(other)
         return _predict_rows(own, _channels(own, points), labels)
 
-    out = with_other_effects(recorded_in(fit.others, points.table), out, with_effect)
+    others = [other for other in fit.others if not other.missing(points.table)]
+    out = with_other_effects(others, out, with_effect)
     recorded = fit.data.get("temperatures", {})
     out = with_unknown_temperatures(
         fit.chain, recorded, points.table, channels, labels, out, partial(_predict_rows, fit)

@@ -110,7 +110,7 @@ def test_sensors_that_warmed_alike(tmp_path: Path) -> None:
     assert (error < 2 * out["uy"] + 0.006).mean() > 0.95
     assert (error < 2 * sure["uy"] + 0.006).mean() < 0.8 or not wrong
     without = replace(later, table=later.table.drop(columns=other))
-    assert f"{other} may drive what the model has of another sensor" in " ".join(notes(fit, without))
+    assert f"an effect of the model is by {other} in truth, which is not in all rows" in " ".join(notes(fit, without))
     assert predicted(fit, without)["uy"].to_numpy() == pytest.approx(sure["uy"].to_numpy())
 
 

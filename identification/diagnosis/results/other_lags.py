@@ -30,6 +30,7 @@ LEAST = 0.5  # standard deviation of the prior, in changes of the sensor, where 
 SHORTEST = 1 / 300  # time constant, of the recording's length; the longest is as long as that
 TIMES = 9  # time constants, evenly in their logarithm, and as many about the likeliest of them
 SELDOM = 0.01  # what is less likely is left out
+SENSORS = "sensor", "minus"  # fields of effects
 OtherLag = tuple[dict[str, float | str], float]  # fields of an effect that are others (s, K, sensors), and probability
 
 
@@ -85,8 +86,8 @@ def lags_behind(beside: LinearModel, effect: Effect, rows: float) -> Lags:
     ----------
     beside : the linear model without the effect; `rows`: that each of its rows stands for.
     """
-    duration, best = beside.scene.duration, getattr(effect, "initial", None)
-    change = float(np.ptp(beside.channel(effect.drivers[0])))
+    duration, best, sensor = beside.scene.duration, getattr(effect, "initial", None), sensors_of(effect)[0]
+    change = float(np.ptp(beside.channel(sensor)))
     departures = DEPARTURES if best is not None and change and duration else np.zeros(1)
     initial = (best or 0.0) + change * departures
     tau = getattr(effect, "tau", None)
@@ -104,7 +105,7 @@ def lags_behind(beside: LinearModel, effect: Effect, rows: float) -> Lags:
         taus, evidence = taus[order], evidence[:, order]
     prior = np.ones((1, len(taus)))
     if len(initial) > 1:
-        behind = np.array([_behind(beside, effect.drivers[0], float(t)) for t in taus]) / change
+        behind = np.array([_behind(beside, sensor, float(t)) for t in taus]) / change
         prior = np.exp(-0.5 * ((initial[:, None] / change - behind) / np.hypot(behind, LEAST)) ** 2)
         prior *= np.gradient(DEPARTURES)[:, None]
         prior /= prior.sum(axis=0)
@@ -113,9 +114,14 @@ def lags_behind(beside: LinearModel, effect: Effect, rows: float) -> Lags:
 
 def lags_left_open(final: Fit, model: EffectModel, step: Step) -> list[OtherLag]:
     """Lags that the recording leaves open of a step's effect; none where no temperature drives it."""
-    if step.effect.random or not getattr(step.effect, "sensor", None):
+    if step.effect.random or not sensors_of(step.effect):
         return []
     return other_lags(model.without([step]), step.effect, rows_of(final, model))
+
+
+def sensors_of(effect: Effect) -> list[str]:
+    """Temperature columns that drive an effect: its member's, and the one that it is the excess over."""
+    return [str(sensor) for name in SENSORS if (sensor := getattr(effect, name, None))]
 
 
 def rows_of(final: Fit, model: EffectModel) -> float:
@@ -143,8 +149,8 @@ def _other_lags(beside: LinearModel, effect: Effect, rows: float) -> list[OtherL
     whole = logsumexp(np.concatenate(masses))
     out = []
     for own, mass in zip(lags, masses, strict=True):
-        named = {k: str(getattr(own.effect, k)) for k in ("sensor", "minus") if getattr(own.effect, k, None)}
-        of_another: dict[str, float | str] = {k: v for k, v in named.items() if v != getattr(effect, k)}
+        named = {k: getattr(own.effect, k, None) for k in SENSORS}
+        of_another: dict[str, float | str] = {k: v for k, v in named.items() if v and v != getattr(effect, k)}
         probability = np.exp(mass - whole)
         states = list[OtherLag]()
         if len(own.initial) > 1:
@@ -158,10 +164,10 @@ def _other_lags(beside: LinearModel, effect: Effect, rows: float) -> list[OtherL
 def _by_others(beside: LinearModel, effect: Effect) -> Iterator[Effect]:
     """The effect with another sensor in place of one, in equilibrium in the first row."""
     steady = {"initial": 0.0} if hasattr(effect, "initial") else {}
-    for field in ("sensor", "minus"):
+    for field in SENSORS:
         if getattr(effect, field, None):
             for sensor in beside.scene.sensors:
-                if sensor not in effect.drivers:
+                if sensor not in sensors_of(effect):
                     yield effect.model_copy(update=steady | {field: sensor})
 
 
