@@ -147,6 +147,8 @@ def _other_lags(beside: LinearModel, effect: Effect, rows: float) -> list[OtherL
     if getattr(effect, "initial", 0.0):
         masses[0] = masses[0][:-1]  # the chosen departure is among the others
     whole = logsumexp(np.concatenate(masses))
+    if not np.isfinite(whole):  # beside all others nothing is seen of it
+        return []
     out = []
     for own, mass in zip(lags, masses, strict=True):
         named = {k: getattr(own.effect, k, None) for k in SENSORS}
