@@ -15,7 +15,7 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Initial, Lag, each_motion, lags, outward, outward_words, thermal, warmth
 from errormodel.machine import Machine, Shape
 
-WHOLE = 2.3  # log prior odds, 10 to 1, against a head that moves and tilts in all motions; by judgement
+WHOLE = 2.3  # log prior odds, 10 to 1, against another sensor that moves the spindle in all motions; by judgement
 
 
 class SpindleGrowth(Effect):
@@ -49,12 +49,13 @@ class SpindleGrowth(Effect):
         return thermal(self.sensor, self.minus)
 
     def cost(self, scene: Scene) -> float:
-        """Natural logarithm of the prior odds against it.
+        """Natural logarithm of the prior odds against it, unless the sensor's name says that it is the spindle's.
 
-        Unless the sensor's name says that it is the spindle's; and a spindle seldom moves in all motions.
+        What another sensor drives in all motions is seldom the spindle.
         """
-        own = 0.0 if "spindle" in self.sensor.lower() else 4.0
-        return super().cost(scene) + own + (WHOLE if self.motion == "all" else 0.0)
+        if "spindle" in self.sensor.lower():
+            return super().cost(scene)
+        return super().cost(scene) + 4.0 + (WHOLE if self.motion == "all" else 0.0)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = warmth(channel, self.sensor, self.minus, self.tau, self.initial)

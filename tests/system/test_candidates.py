@@ -127,8 +127,9 @@ def test_products_that_are_known_score_as_well_as_those_made_anew() -> None:
         for k in (*rng.choice(len(candidates.effects), 20), *rng.choice(curves, 3)):
             own = Candidates.of(linear, [candidates.effects[k]]).scores(beside)
             if len(own.evidence) and np.isfinite(own.evidence[0]):
-                assert kept.evidence[k] == pytest.approx(own.evidence[0], abs=0.05)
-                assert kept.delta_chi2[k] == pytest.approx(own.delta_chi2[0], abs=0.05)
+                # columns are kept in single precision: of what is left of one some 1e-4 are not known
+                assert kept.evidence[k] == pytest.approx(own.evidence[0], rel=5e-4, abs=0.05)
+                assert kept.delta_chi2[k] == pytest.approx(own.delta_chi2[0], rel=5e-4, abs=0.05)
 
 
 def test_what_an_effect_would_leave_is_what_it_leaves() -> None:

@@ -95,12 +95,15 @@ def with_names_again(model: EffectModel, log: DecisionLog) -> EffectModel:
     """The model with a name in place of each form that does not lead it clearly any more, beside all other findings.
 
     Under correlated noise, too, which explains a part of what a form explained. A name that is refused is none, and no
-    alternative; a form that leads it comes back in its place.
+    alternative; a form that leads it comes back in its place. Where no name is likelier than all others, nothing is
+    named.
     """
     for k in range(len(model.findings)):
         model = _without_refused(model, k, log)
         while (other := _with_name(model, k)) is not None:
             name, main = other.findings[k][0], model.findings[k][0]
+            if probability_of(name) < EVEN:
+                break
             kept = _refused(other, k, log) is None
             lead = main.evidence - name.evidence
             log.add("name-again", "preferred" if kept else "refused", name.effect, lead, CLEARLY, beside=main.effect)
@@ -121,7 +124,9 @@ def _without_refused(model: EffectModel, number: int, log: DecisionLog) -> Effec
     """The model with the form that leads a name in its place, where the name is refused."""
     main, own = model.findings[number][0], DecisionLog()
     form = max((s for s in main.alternatives if s.effect.empirical), key=lambda s: s.evidence, default=main)
-    if main.effect.empirical or form.evidence <= main.evidence or _refused(model, number, own) is None:
+    if main.effect.empirical or form.evidence <= main.evidence or probability_of(main) < EVEN:
+        return model
+    if _refused(model, number, own) is None:
         return model
     log.join(own)
     others = tuple(s for s in main.alternatives if s is not form)
