@@ -15,7 +15,7 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Initial, Lag, each_motion, lags, outward, outward_words, thermal, warmth
 from errormodel.machine import Machine, Shape
 
-WHOLE = 2.3  # log prior odds, 10 to 1, against another sensor that moves the spindle in all motions; by judgement
+ASIDE = 2.3  # log prior odds, 10 to 1, against a spindle that grows across its axis; by judgement
 
 
 class SpindleGrowth(Effect):
@@ -51,11 +51,11 @@ class SpindleGrowth(Effect):
     def cost(self, scene: Scene) -> float:
         """Natural logarithm of the prior odds against it, unless the sensor's name says that it is the spindle's.
 
-        What another sensor drives in all motions is seldom the spindle.
+        What moves across the spindle is seldom its growth, and what another sensor drives in all motions is seldom so.
         """
-        if "spindle" in self.sensor.lower():
-            return super().cost(scene)
-        return super().cost(scene) + 4.0 + (WHOLE if self.motion == "all" else 0.0)
+        own = "spindle" in self.sensor.lower()
+        aside = self.motion not in (None, "all") or (self.motion == "all" and not own)
+        return super().cost(scene) + (0.0 if own else 4.0) + (ASIDE if aside else 0.0)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = warmth(channel, self.sensor, self.minus, self.tau, self.initial)

@@ -31,6 +31,7 @@ from identification.diagnosis.search.conditional_evidence import conditional_sco
 from identification.diagnosis.search.criteria import base_channels
 from identification.diagnosis.search.forward_selection import forward_select
 from identification.diagnosis.search.instrument_noise import line_of_sight, tracker_noise, weighed_as_before
+from identification.diagnosis.search.likeliest_sensors import with_likeliest_sensors
 from identification.diagnosis.search.model import EffectModel, of_groups, with_estimated_sizes
 from identification.diagnosis.search.model_comparison import compare_alternatives
 from identification.diagnosis.search.proposals import enough_rows, proposed
@@ -115,6 +116,7 @@ def explained(
         return anew(known, before)
     del searched
     chosen, wave = _with_wave(chosen, candidates, progress, log, looked)
+    chosen = with_likeliest_sensors(chosen, candidates, log)
     if survey is not given and chosen.steps and not line_of_sight(fit, chosen.linear, candidates, log):
         log.again()  # it was what was found
         return explained(plain, given, changes, progress, log, impossible, isotropic=True)

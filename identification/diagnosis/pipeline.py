@@ -56,7 +56,6 @@ from identification.diagnosis.results.findings import (
     probability_of,
 )
 from identification.diagnosis.results.nameless_alternative import checked_alternative
-from identification.diagnosis.results.other_lags import lags_left_open
 from identification.diagnosis.results.other_sensors import by_other_sensors, sensors_probability, sentence_of
 from identification.diagnosis.results.physical_limits import checked_name
 from identification.diagnosis.results.profile_likelihood import other_effects, time_constants
@@ -75,6 +74,7 @@ from identification.diagnosis.results.verdict import judge, with_doubt
 from identification.diagnosis.results.witnesses import WitnessResult, with_witnesses
 from identification.diagnosis.search.instrument_noise import station_notes
 from identification.diagnosis.search.model import EffectModel
+from identification.diagnosis.search.other_lags import lags_left_open
 from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.together import together
 from identification.estimation.checks import check_declared, check_readings, noise_notes

@@ -15,8 +15,8 @@ from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.pipeline import diagnose
-from identification.diagnosis.results.other_lags import _of_departures
 from identification.diagnosis.search.candidates import score_of
+from identification.diagnosis.search.other_lags import _of_departures
 from identification.estimation.fit import fit_machine
 from identification.results import store
 from identification.results.predictions import predicted

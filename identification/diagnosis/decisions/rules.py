@@ -298,6 +298,14 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "unlikely-name": Rule(
             NAMES, "probability", "A name that is less likely than not is none.", _decided("EVEN"),
         ),
+        "likeliest-sensor": Rule(
+            COMPARISON, ERRORS, "Of sensors that fit alike a finding follows the likeliest, over all lags and states.",
+            _decided("NO_WORSE"),
+        ),
+        "one-lag-instead": Rule(
+            COMPARISON, EVIDENCE, "One lag that did not begin in equilibrium comes before two sensors or lags.",
+            _decided("CLEARLY"),
+        ),
         "name-again": Rule(
             NAMES, EVIDENCE, "A form without a name that does not lead a name clearly at last has that name.",
             _decided("CLEARLY"),

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from errormodel.effects.base import Effect
 from identification.diagnosis.results.findings import Alternative
-from identification.diagnosis.results.other_lags import SENSORS, OtherLag, sensors_of
+from identification.diagnosis.search.other_lags import SENSORS, OtherLag, sensors_of
 
 LEAST = 1e-9  # probability
 WORTH_SAYING = 0.05  # probability: less likely sensors are in the uncertainty only

@@ -15,10 +15,10 @@ import numpy as np
 
 from errormodel.effects.base import Effect
 from identification.diagnosis.results.effect_size import Amount
-from identification.diagnosis.results.other_lags import lags_left_open, rows_of
 from identification.diagnosis.results.other_sensors import sensors_probability
 from identification.diagnosis.search.candidates import WIDEST
 from identification.diagnosis.search.model import EffectModel
+from identification.diagnosis.search.other_lags import lags_left_open, rows_of
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import parameters_of
 from identification.estimation.result import Fit

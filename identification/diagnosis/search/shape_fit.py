@@ -107,13 +107,13 @@ def _counted(candidates: Candidates, scores: Scores, linear: LinearModel, number
     effect = candidates.effects[number]
     family = tuple(candidates.effects[n] for n in candidates.of_key[effect.key])
     evidence = float(scores.evidence[number])
-    step = linear.answer(lambda: _optimised(linear, effect, family, evidence), (effect,), "optimised", family)
+    step = linear.answer(lambda: optimised(linear, effect, family, evidence), (effect,), "optimised", family)
     if step is None:
         return None
     return replace(step, trials=trials, names=len(candidates.places), places=candidates.places[effect.effect])
 
 
-def _optimised(linear: LinearModel, proposal: Effect, family: Sequence[Effect], evidence: float) -> Step | None:
+def optimised(linear: LinearModel, proposal: Effect, family: Sequence[Effect], evidence: float) -> Step | None:
     """A proposal with its shape parameters moved off the grid of its family to where they fit best.
 
     Parameters

@@ -59,7 +59,21 @@ class Lags:
         step = np.gradient(np.log(self.taus)) if len(self.taus) > 1 else np.ones(1)
         departing = logsumexp(self.evidence, axis=1, b=np.maximum(self.prior * step, NOTHING))
         steady = logsumexp(self.evidence[len(self.initial) // 2], b=step)
-        return np.append(departing, steady)
+        return np.append(departing if len(self.initial) > 1 else [], steady)
+
+    @property
+    def averaged(self) -> float:
+        """Log evidence of the sensor, over all time constants and states."""
+        from scipy.special import logsumexp
+
+        whole = self.masses[:-1] if self.departed else self.masses
+        span = np.log(self.taus[-1] / self.taus[0]) if len(self.taus) > 1 else 1.0
+        return float(logsumexp(whole) - np.log(span) - (0.0 if self.departed or len(self.initial) == 1 else np.log(2)))
+
+    @property
+    def departed(self) -> bool:
+        """Whether a departure was chosen, which is then among the others."""
+        return bool(getattr(self.effect, "initial", 0.0))
 
     def departing(self, probability: Array) -> Iterator[OtherLag]:
         """What stands for colder and for warmer first states, of which each departure has a `probability`."""
@@ -94,6 +108,8 @@ def lags_behind(beside: LinearModel, effect: Effect, rows: float) -> Lags:
     taus = np.zeros(1)
     if tau is not None and duration:
         taus = np.geomspace(SHORTEST * duration, max(duration, tau), TIMES)
+    steady = effect.model_copy(update={"initial": 0.0} if best is not None else {})
+    cost = steady.cost(beside.scene)  # a spindle's sensor is likelier to be the one of a spindle's growth
     evidence = _evidence(beside, effect, taus, initial)
     if len(taus) > 1:
         step = taus[1] / taus[0]
@@ -109,7 +125,7 @@ def lags_behind(beside: LinearModel, effect: Effect, rows: float) -> Lags:
         prior = np.exp(-0.5 * ((initial[:, None] / change - behind) / np.hypot(behind, LEAST)) ** 2)
         prior *= np.gradient(DEPARTURES)[:, None]
         prior /= prior.sum(axis=0)
-    return Lags(effect, taus, initial, rows * evidence, prior)
+    return Lags(effect, taus, initial, rows * evidence - cost, prior)
 
 
 def lags_left_open(final: Fit, model: EffectModel, step: Step) -> list[OtherLag]:
@@ -142,10 +158,8 @@ def other_lags(beside: LinearModel, effect: Effect, rows: float) -> list[OtherLa
 def _other_lags(beside: LinearModel, effect: Effect, rows: float) -> list[OtherLag]:
     from scipy.special import logsumexp
 
-    lags = [lags_behind(beside, e, rows) for e in (effect, *_by_others(beside, effect))]
-    masses = [own.masses for own in lags]
-    if getattr(effect, "initial", 0.0):
-        masses[0] = masses[0][:-1]  # the chosen departure is among the others
+    lags = [lags_behind(beside, e, rows) for e in (effect, *by_others(beside, effect))]
+    masses = [own.masses[:-1] if own.departed else own.masses for own in lags]
     whole = logsumexp(np.concatenate(masses))
     if not np.isfinite(whole):  # beside all others nothing is seen of it
         return []
@@ -163,7 +177,7 @@ def _other_lags(beside: LinearModel, effect: Effect, rows: float) -> list[OtherL
     return out
 
 
-def _by_others(beside: LinearModel, effect: Effect) -> Iterator[Effect]:
+def by_others(beside: LinearModel, effect: Effect) -> Iterator[Effect]:
     """The effect with another sensor in place of one, in equilibrium in the first row."""
     steady = {"initial": 0.0} if hasattr(effect, "initial") else {}
     for field in SENSORS:
