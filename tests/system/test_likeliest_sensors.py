@@ -1,0 +1,49 @@
+"""Of sensors that warmed alike a finding follows the likeliest, also from another state in the first row."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from errormodel.machine import EffectSpec
+from errormodel.machine_file import read_machine
+from errormodel.survey import Survey
+from identification.diagnosis.pipeline import diagnose
+from identification.diagnosis.search.other_lags import SELDOM
+from tests.helpers.diagnosed import empty_survey, showing
+
+ROWS = 360
+
+
+@pytest.fixture(scope="module")
+def survey() -> Survey:
+    """Two hours in which three members warm alike, which had been warming before."""
+    time = 20.0 * np.arange(ROWS)
+    rng = np.random.default_rng(4)
+    courses = {
+        "T_scale": 21 + 3.2 * (1 - np.exp(-(time + 1800) / 3600)) + 0.3 * np.sin(time / 1100),
+        "T_beam": 22 + 2.6 * (1 - np.exp(-(time + 1500) / 2700)),
+        "T_motor": 26 + 4.0 * (1 - np.exp(-(time + 1200) / 1500)),
+    }
+    survey = empty_survey(read_machine("vertical_three_axis"), ROWS, 5, channels=False, grid=False)
+    noisy = {name: values + rng.normal(0, 0.03, ROWS) for name, values in courses.items()}
+    return replace(survey, table=survey.table.assign(time=time, **noisy))
+
+
+@pytest.mark.parametrize("initial", [0.0, -1.5, -3.0])
+def test_no_other_sensor_is_likelier(survey: Survey, initial: float) -> None:
+    """Which of them it is these data hardly tell: the true one is taken, or said to be as likely."""
+    machine = read_machine("vertical_three_axis")
+    options = {"joint": "X", "sensor": "T_scale", "tau": 1500.0, "initial": initial}
+    shown = showing(survey, machine, [(EffectSpec("scale-expansion", options), [2.5e-5])], 0.003)
+    found = diagnose(machine, shown)
+    (finding,) = found.diagnosis.findings
+    assert (finding.effect, finding.where, len(finding.driver)) == ("scale-expansion", "X", 1)
+    others = dict[str, float]()
+    for other in found.final.others:
+        for sensor in other.sensors:
+            others[sensor] = others.get(sensor, 0.0) + other.weight
+    assert max(others.values()) <= 1 - sum(others.values()) + SELDOM * len(found.final.others)
+    assert finding.driver == ["T_scale"] or others["T_scale"] > 0.05
