@@ -43,14 +43,23 @@ def test_without_lengths_a_member_may_be_a_ram_or_a_slide() -> None:
     assert [member_of(machine, joint_of(machine, n)) for n in ("X", "W")] == ["slide", ""]
 
 
-@pytest.mark.parametrize(("name", "told_apart"), [("five_axis_table_quill", True), ("horizontal_three_axis", False)])
-def test_a_target_is_exchanged_where_a_turn_tells_it_from_a_shift_of_the_station(name: str, told_apart: bool) -> None:
+@pytest.mark.parametrize(
+    ("name", "by"),
+    [
+        ("six_axis_arm", {("run(2)",), ("time",)}),
+        ("five_axis_table_quill", {("run(2)",)}),
+        ("vertical_three_axis", set()),
+    ],
+)
+def test_a_target_is_exchanged_where_a_turn_tells_it_from_a_shift_of_the_station(
+    name: str, by: set[tuple[str, ...]]
+) -> None:
     machine = read_machine(name)
     rng = np.random.default_rng(0)
     columns = {j.name: rng.uniform(*j.travel, 40) for j in machine.joints}
     columns |= {"time": 60.0 * np.arange(40.0), "run(2)": np.repeat([0.0, 1.0], 20)}
     drivers = {e.drivers for e in registry()["target-offset"].proposals(Scene(machine, columns))}
-    assert drivers == ({(), ("run(2)",), ("time",)} if told_apart else {()})
+    assert drivers == {(), *by}
 
 
 def test_a_target_offset_is_of_a_tool_a_time_or_a_run() -> None:
