@@ -89,8 +89,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _in("data_checks.outliers", "GROSS", "TAILS", "NEARLY", "CHANCE"),
         ),
         "outlier-share": Rule(
-            OUTLIERS, SHARE,
-            "Where more rows than this would be outliers, none is.",
+            OUTLIERS, SHARE, "Where more rows than this would be outliers, none is.",
             _in("data_checks.outliers", "MOST")
         ),
         "outliers-explained": Rule(
@@ -120,8 +119,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         # ---- candidates
         "rows-used": Rule(
-            PROPOSALS, COUNT,
-            "Candidates are scored in no more rows than this.",
+            PROPOSALS, COUNT, "Candidates are scored in no more rows than this.",
             _in("linear.of_fit", "MOST_ROWS")
         ),
         "run-labels": Rule(
@@ -299,16 +297,13 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             NAMES, "probability", "A name that is less likely than not is none.", _decided("EVEN"),
         ),
         "likeliest-sensor": Rule(
-            COMPARISON, ERRORS, "Of sensors that fit alike a finding follows the likeliest, over all lags and states.",
-            _decided("NO_WORSE"),
+            COMPARISON, ERRORS, "A finding follows the likeliest of its sensors, over all lags.", _decided("NO_WORSE")
         ),
         "one-lag-instead": Rule(
-            COMPARISON, EVIDENCE, "One lag that did not begin in equilibrium comes before two sensors or lags.",
-            _decided("CLEARLY"),
+            COMPARISON, EVIDENCE, "One lag from another state comes before two sensors or lags.", _decided("CLEARLY")
         ),
         "name-again": Rule(
-            NAMES, EVIDENCE, "A form without a name that does not lead a name clearly at last has that name.",
-            _decided("CLEARLY"),
+            NAMES, EVIDENCE, "A form that does not lead a name clearly at last has that name.", _decided("CLEARLY")
         ),
         "nameless-alternative": Rule(
             NAMES, EVIDENCE, "A finding has a name only if no function without one explains it better.",
@@ -323,7 +318,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _in("results.physical_limits", "CONTRADICTED_SIGMA"),
         ),
         "physical-size": Rule(
-            NAMES, "times the usual size", "So does one that is too large for the widest of the prior distributions.",
+            NAMES, "times the usual size", "So does one that is larger than the widest of the prior distributions.",
             _decided("SIZES") + _in("search.candidates", "WIDEST") + _in("extension", "LARGEST"),
         ),
         "distinguishable": Rule(
