@@ -167,9 +167,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _decided("NEAR", "LEAST_EVIDENCE"),
         ),
         "refinement-first": Rule(
-            SELECTION, EVIDENCE,
-            "What may be a refinement of a finding is tried before a new finding.",
-            _decided("MUCH")
+            SELECTION, EVIDENCE, "What may refine a finding is tried before a new one.", _decided("MUCH")
         ),
         "same-motion-and-driver": Rule(
             SELECTION, "", "What moves the same by the same driver is a refinement of that finding.",
