@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 NOT_SETTLED = 2.3  # log prior odds, 10 to 1, against a lag that was not in equilibrium in the first row; by judgement
 
+SENSORS = "sensor", "minus"  # fields that name temperatures
+
 Channels = Callable[[str], Value]
 """Value of a channel of the survey: a joint (mm, rad), ``time`` (s), ``T_bed`` (degC), ``dir_X`` (+-1), ``feed``,
 ``load``, ``w_sync``, ``point_x`` (nominal position in the reference's axes, mm), or a derived one such as
@@ -252,7 +254,7 @@ class Effect(BaseModel, ABC):
         What a sensor shows over its reference all the time, as at 60 +- 1 degC, is constant: geometry takes it up, and
         nothing of the effect is hidden by that.
         """
-        sensor, minus = (scene.columns.get(getattr(self, name, None) or "") for name in ("sensor", "minus"))
+        sensor, minus = (scene.columns.get(getattr(self, name, None) or "") for name in SENSORS)
         if sensor is None:
             return 1.0
         warm = sensor - (REFERENCE_TEMPERATURE if minus is None else minus)

@@ -54,7 +54,7 @@ class SpindleGrowth(Effect):
         What moves across the spindle is seldom its growth, and what another sensor drives in all motions is seldom so.
         """
         own = "spindle" in self.sensor.lower()
-        aside = self.motion not in (None, "all") or (self.motion == "all" and not own)
+        aside = self.motion is not None and not (own and self.motion == "all")
         return super().cost(scene) + (0.0 if own else 4.0) + (ASIDE if aside else 0.0)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:

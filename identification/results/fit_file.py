@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,6 +14,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from errormodel.chain import Chain
 from errormodel.effects import make
 from errormodel.exceptions import InputError
+from errormodel.machine import EffectSpec
 from errormodel.yamlfile import Number, Vector3
 from identification.results.versions import validate
 
@@ -153,17 +154,20 @@ def check_parameters(path: Path, data: Mapping[str, Any], chain: Chain) -> None:
         if p["unit"] != unit:
             raise InputError(where, f"the unit '{p['unit']}', where the machine's is {unit}", "Run the fit again")
     for other in data.get("other_effects", ()):
-        specs, number = chain.machine.effects, other["effect"]
-        found = f"the effect number {number + 1}, which the machine does not have"
-        if number < len(specs):
-            try:
-                make(replace(specs[number], options={**specs[number].options, **other["options"]}))
-                continue
-            except InputError as error:
-                found = f"of the effect number {number + 1}: {error.found}"
-        raise InputError(f"{path}, key other_effects", found, "Run the diagnosis again")
+        _check_other(f"{path}, key other_effects", other, chain.machine.effects)
     if data["fitted"]["n"] and not data["frame"] and data["frame_mode"] != "fixed":
         raise InputError(f"{path}, key frame", "no measuring frame", "Run the fit again")
+
+
+def _check_other(where: str, other: Mapping[str, Any], specs: Sequence[EffectSpec]) -> None:
+    """Check that the machine has the effect of which another is given, and that there can be such a one."""
+    number, cure = other["effect"], "Run the diagnosis again"
+    if number >= len(specs):
+        raise InputError(where, f"the effect number {number + 1}, which the machine does not have", cure)
+    try:
+        make(replace(specs[number], options={**specs[number].options, **other["options"]}))
+    except InputError as error:
+        raise InputError(where, f"of the effect number {number + 1}: {error.found}", cure) from error
 
 
 def unit_of_parameter(identity: str, chain: Chain) -> str:

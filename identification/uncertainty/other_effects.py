@@ -8,13 +8,14 @@ Bayesian model averaging, Statistical Science 14, 1999).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.effects.base import SENSORS
 from errormodel.machine import EffectSpec, Machine
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ class OtherEffect:
     @property
     def sensors(self) -> list[str]:
         """Other sensors than the machine's own effect has."""
-        return [str(self.options[name]) for name in ("sensor", "minus") if name in self.options]
+        return [str(self.options[name]) for name in SENSORS if name in self.options]
 
     def missing(self, table: pd.DataFrame) -> list[str]:
         """Columns of rows that it needs and that are not there, or not in all rows."""
@@ -55,10 +56,13 @@ class OtherEffect:
         return [name for name in needed if name not in table or table[name].isna().any()]
 
 
-def unrecorded(others: Sequence[OtherEffect], table: pd.DataFrame) -> Iterator[str]:
+def unrecorded(others: Iterable[OtherEffect], table: pd.DataFrame) -> Iterator[str]:
     """Notes on what may be the cause as well, and is not in all rows."""
-    for name in dict.fromkeys(name for other in others for name in other.missing(table)):
-        chance = sum(other.weight for other in others if name in other.missing(table))
+    chances = dict[str, float]()
+    for other in others:
+        for name in other.missing(table):
+            chances[name] = chances.get(name, 0.0) + other.weight
+    for name, chance in chances.items():
         yield (
             f"with a probability of {chance:.2f} an effect of the model is by {name} in truth, which is not in all "
             f"rows: what it would change is not in their uncertainty. Add the column {name}"

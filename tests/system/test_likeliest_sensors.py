@@ -7,11 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from errormodel.effects import make
+from errormodel.effects.base import Effect
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from errormodel.survey import Survey
+from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.pipeline import diagnose
+from identification.diagnosis.search import likeliest_sensors
+from identification.diagnosis.search.candidates import Candidates
+from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.other_lags import SELDOM
+from identification.diagnosis.search.scoring import Step
+from identification.estimation.fit import fit_machine
 from tests.helpers.diagnosed import empty_survey, showing
 
 ROWS = 360
@@ -47,3 +55,29 @@ def test_no_other_sensor_is_likelier(survey: Survey, initial: float) -> None:
             others[sensor] = others.get(sensor, 0.0) + other.weight
     assert max(others.values()) <= 1 - sum(others.values()) + SELDOM * len(found.final.others)
     assert finding.driver == ["T_scale"] or others["T_scale"] > 0.05
+
+
+def test_a_finding_is_judged_in_the_model_that_the_one_before_it_left(
+    survey: Survey, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first of two gives up its second sensor, and the steps of the other one are numbered anew."""
+    machine = read_machine("vertical_three_axis")
+    linear = set_up(fit_machine(machine, showing(survey, machine, [], 0.003)))
+
+    def step(joint: str, sensor: str) -> Step:
+        spec = EffectSpec("scale-expansion", {"joint": joint, "sensor": sensor, "tau": 900.0})
+        return Step(make(spec), 0.0, 0.0, 0.0)
+
+    model = of_groups(linear, [[step(joint, sensor) for sensor in ("T_scale", "T_motor")] for joint in ("X", "Y")])
+    judged = []
+
+    def own_sensor(model: EffectModel, main: Step, further: list[Step], *_: object) -> Effect:
+        judged.append([step in model.steps for step in (main, *further)])
+        return main.effect
+
+    monkeypatch.setattr(likeliest_sensors, "_likeliest", own_sensor)
+    monkeypatch.setattr(likeliest_sensors, "NO_WORSE", np.inf)
+    monkeypatch.setattr(likeliest_sensors, "conditional_scores", lambda model, *_: model)
+    out = likeliest_sensors.with_likeliest_sensors(model, Candidates.of(linear, []))
+    assert judged == [[True, True], [True, True]]
+    assert [s.effect for s in out.steps] == [model.steps[0].effect, model.steps[2].effect]

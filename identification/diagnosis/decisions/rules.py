@@ -263,6 +263,12 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             COMPARISON, ERRORS, "A finding with which the machine predicts rows left out worse than plain is left out.",
             _decided("NO_WORSE"),
         ),
+        "likeliest-sensor": Rule(
+            COMPARISON, ERRORS, "A finding follows the likeliest of its sensors, over all lags.", _decided("NO_WORSE")
+        ),
+        "one-lag-instead": Rule(
+            COMPARISON, EVIDENCE, "One lag from another state comes before two sensors or lags.", _decided("CLEARLY")
+        ),
         # ---- evidence beside the other findings
         "conditional-evidence": Rule(
             CONDITIONAL, EVIDENCE, "A finding and its alternatives, each beside all other findings.",
@@ -293,12 +299,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "unlikely-name": Rule(
             NAMES, "probability", "A name that is less likely than not is none.", _decided("EVEN"),
-        ),
-        "likeliest-sensor": Rule(
-            COMPARISON, ERRORS, "A finding follows the likeliest of its sensors, over all lags.", _decided("NO_WORSE")
-        ),
-        "one-lag-instead": Rule(
-            COMPARISON, EVIDENCE, "One lag from another state comes before two sensors or lags.", _decided("CLEARLY")
         ),
         "name-again": Rule(
             NAMES, EVIDENCE, "A form that does not lead a name clearly at last has that name.", _decided("CLEARLY")

@@ -134,7 +134,7 @@ def _without_refused(model: EffectModel, number: int, log: DecisionLog) -> Effec
 
 
 def _without_name(step: Step, name: Step) -> Step:
-    """A step of whose alternatives none has a name."""
+    """A step without its alternatives by the name of another."""
     return replace(step, alternatives=tuple(s for s in step.alternatives if s.effect.effect != name.effect.effect))
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 
-from errormodel.effects.base import Effect
+from errormodel.effects.base import SENSORS, Effect
 from identification.diagnosis.results.findings import Alternative
-from identification.diagnosis.search.other_lags import SENSORS, OtherLag, sensors_of
+from identification.diagnosis.search.other_lags import OtherLag, sensors_of
 
-LEAST = 1e-9  # probability
+ROUNDED = 1e-9  # probability
 WORTH_SAYING = 0.05  # probability: less likely sensors are in the uncertainty only
 
 Probabilities = Mapping[tuple[str, ...], float]
@@ -37,7 +37,7 @@ def sentence_of(effect: Effect, probability: Probabilities) -> str:
 
 def by_other_sensors(effect: Effect, motions: Sequence[str], probability: Probabilities) -> list[Alternative]:
     """The same effect at the same place by other sensors."""
-    own = max(1 - sum(probability.values()), LEAST)
+    own = max(1 - sum(probability.values()), ROUNDED)
     beside = [n for n in effect.drivers if n not in sensors_of(effect)]
     return [
         Alternative(effect.effect, effect.where, math.log10(p / own), False, [*motions], [*beside, *sensors])

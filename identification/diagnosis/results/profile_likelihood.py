@@ -51,7 +51,7 @@ def other_effects(final: Fit, model: EffectModel, first: int) -> tuple[OtherEffe
                 of_value = partial(_with, rise, name)
                 trials += [({name: value}, weight) for value, weight in _sides(float(getattr(effect, name)), of_value)]
         others = lags_left_open(final, model, step)
-        elsewhere = sum(sensors_probability(others, effect).values())
+        elsewhere = min(sum(sensors_probability(others, effect).values()), 1.0)
         trials = [(options, (1 - elsewhere) * weight) for options, weight in trials] + others
         for options, weight in trials:
             trial = OtherEffect(first + number, options, weight, {})

@@ -17,7 +17,7 @@ from identification.diagnosis.search.candidates import Candidates, score_of
 from identification.diagnosis.search.conditional_evidence import conditional_scores
 from identification.diagnosis.search.criteria import heldout_rms
 from identification.diagnosis.search.model import EffectModel, of_groups
-from identification.diagnosis.search.other_lags import Lags, by_others, lags_behind, sensors_of
+from identification.diagnosis.search.other_lags import Lags, by_others, in_equilibrium, lags_behind, sensors_of
 from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.search.shape_fit import optimised
 
@@ -25,14 +25,14 @@ from identification.diagnosis.search.shape_fit import optimised
 def with_likeliest_sensors(model: EffectModel, candidates: Candidates, log: DecisionLog = UNRECORDED) -> EffectModel:
     """The model in which each finding by a temperature follows the likeliest one."""
     out = model
-    for k, group in enumerate(model.findings):
-        main = group[0]
-        further = [s for s in group[1:] if _of_one_form(main.effect, s.effect)]
+    for k in range(len(model.findings)):
+        groups = out.findings
+        main, *more = groups[k]
+        further = [s for s in more if _of_one_form(main.effect, s.effect)]
         effect = None if main.effect.random or not sensors_of(main.effect) else _likeliest(out, main, further, log)
         if effect is None:
             continue
-        groups = out.findings
-        rest = [s for s in group[1:] if not any(s is own for own in further)]
+        rest = [s for s in more if not any(s is own for own in further)]
         other = of_groups(out.start, [*groups[:k], [main.of_another(effect), *rest], *groups[k + 1 :]])
         errors = heldout_rms(other.linear), heldout_rms(out.linear)
         better = errors[0] < NO_WORSE * errors[1]
@@ -51,7 +51,7 @@ def _of_one_form(one: Effect, other: Effect) -> bool:
 def _likeliest(model: EffectModel, main: Step, further: list[Step], log: DecisionLog) -> Effect | None:
     """The effect by the likeliest sensor; None where it is as it was."""
     beside = model.without([main, *further])
-    every = [lags_behind(beside, e, 1.0) for e in (main.effect, *by_others(beside, main.effect))]
+    every = [lags_behind(beside, e) for e in (main.effect, *by_others(beside, main.effect))]
     averaged = np.array([own.averaged for own in every])
     best = int(np.argmax(averaged))
     if further:
@@ -72,11 +72,10 @@ def _likeliest(model: EffectModel, main: Step, further: list[Step], log: Decisio
 
 def _at_its_best(beside: LinearModel, lags: Lags) -> Effect | None:
     """The effect with the likeliest time constant and first state of a sensor."""
-    effect, own = lags.effect, lags_tried(beside.scene)
-    steady = {"initial": 0.0} if "initial" in type(effect).model_fields else {}
-    if "tau" not in type(effect).model_fields:
+    effect = in_equilibrium(lags.effect)
+    if not hasattr(effect, "tau"):
         return effect
-    family = [effect.model_copy(update=steady | {"tau": tau}) for tau in own]
+    family = [effect.model_copy(update={"tau": tau}) for tau in lags_tried(beside.scene)]
     scores = [(score_of(beside, e) or (-np.inf,))[0] for e in family]
     first = int(np.argmax(scores))
     step = optimised(beside, family[first], family, scores[first])

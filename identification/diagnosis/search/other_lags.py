@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.effects.base import Effect
+from errormodel.effects.base import SENSORS, Effect
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.blocks import NOTHING
 from identification.diagnosis.search.marginal_likelihood import free_scores
@@ -30,7 +30,6 @@ LEAST = 0.5  # standard deviation of the prior, in changes of the sensor, where 
 SHORTEST = 1 / 300  # time constant, of the recording's length; the longest is as long as that
 TIMES = 9  # time constants, evenly in their logarithm, and as many about the likeliest of them
 SELDOM = 0.01  # what is less likely is left out
-SENSORS = "sensor", "minus"  # fields of effects
 OtherLag = tuple[dict[str, float | str], float]  # fields of an effect that are others (s, K, sensors), and probability
 
 
@@ -43,6 +42,7 @@ class Lags:
     effect : with that sensor; its `initial` is the middle of the departures.
     taus : (t,) time constants, s; `initial`: (d,) K, or (1,) where none is possible.
     evidence : (d, t) log evidence; `prior`: (d, t) densities of departures, times their widths.
+    cost : log prior odds against the effect by that sensor: of a spindle's growth its own one is likelier.
     """
 
     effect: Effect
@@ -50,25 +50,36 @@ class Lags:
     initial: Array
     evidence: Array
     prior: Array
+    cost: float
 
-    @property
-    def masses(self) -> Array:
-        """Log probability (d,) of each departure but for a factor, and at last that of the chosen or steady state."""
+    def masses(self, rows: float = 1.0) -> Array:
+        """Log probability, but for a factor, of each departure (d,) and at last of the steady state.
+
+        Without the latter where a departure was chosen, which is then among the others.
+
+        Parameters
+        ----------
+        rows : that each row of the linear model stands for.
+        """
         from scipy.special import logsumexp
 
         step = np.gradient(np.log(self.taus)) if len(self.taus) > 1 else np.ones(1)
-        departing = logsumexp(self.evidence, axis=1, b=np.maximum(self.prior * step, NOTHING))
-        steady = logsumexp(self.evidence[len(self.initial) // 2], b=step)
-        return np.append(departing if len(self.initial) > 1 else [], steady)
+        evidence = rows * self.evidence - self.cost
+        steady = logsumexp(evidence[len(self.initial) // 2], b=step)
+        if len(self.initial) == 1:
+            return np.array([steady])
+        departing = logsumexp(evidence, axis=1, b=np.maximum(self.prior * step, NOTHING))
+        return np.asarray(departing if self.departed else np.append(departing, steady))
 
     @property
     def averaged(self) -> float:
         """Log evidence of the sensor, over all time constants and states."""
         from scipy.special import logsumexp
 
-        whole = self.masses[:-1] if self.departed else self.masses
         span = np.log(self.taus[-1] / self.taus[0]) if len(self.taus) > 1 else 1.0
-        return float(logsumexp(whole) - np.log(span) - (0.0 if self.departed or len(self.initial) == 1 else np.log(2)))
+        return float(
+            logsumexp(self.masses()) - np.log(span) - (0.0 if self.departed or len(self.initial) == 1 else np.log(2))
+        )
 
     @property
     def departed(self) -> bool:
@@ -93,13 +104,17 @@ class Lags:
         return out | ({"initial": float(self.initial[departure])} if len(self.initial) > 1 else {})
 
 
-def lags_behind(beside: LinearModel, effect: Effect, rows: float) -> Lags:
+def lags_behind(beside: LinearModel, effect: Effect) -> Lags:
     """Lags behind an effect's sensor, of all lengths.
 
     Parameters
     ----------
-    beside : the linear model without the effect; `rows`: that each of its rows stands for.
+    beside : the linear model without the effect.
     """
+    return beside.answer(partial(_lags_behind, beside, effect), (effect,), "lags")
+
+
+def _lags_behind(beside: LinearModel, effect: Effect) -> Lags:
     duration, best, sensor = beside.scene.duration, getattr(effect, "initial", None), sensors_of(effect)[0]
     change = float(np.ptp(beside.channel(sensor)))
     departures = DEPARTURES if best is not None and change and duration else np.zeros(1)
@@ -108,8 +123,6 @@ def lags_behind(beside: LinearModel, effect: Effect, rows: float) -> Lags:
     taus = np.zeros(1)
     if tau is not None and duration:
         taus = np.geomspace(SHORTEST * duration, max(duration, tau), TIMES)
-    steady = effect.model_copy(update={"initial": 0.0} if best is not None else {})
-    cost = steady.cost(beside.scene)  # a spindle's sensor is likelier to be the one of a spindle's growth
     evidence = _evidence(beside, effect, taus, initial)
     if len(taus) > 1:
         step = taus[1] / taus[0]
@@ -125,41 +138,21 @@ def lags_behind(beside: LinearModel, effect: Effect, rows: float) -> Lags:
         prior = np.exp(-0.5 * ((initial[:, None] / change - behind) / np.hypot(behind, LEAST)) ** 2)
         prior *= np.gradient(DEPARTURES)[:, None]
         prior /= prior.sum(axis=0)
-    return Lags(effect, taus, initial, rows * evidence - cost, prior)
+    return Lags(effect, taus, initial, evidence, prior, in_equilibrium(effect).cost(beside.scene))
 
 
 def lags_left_open(final: Fit, model: EffectModel, step: Step) -> list[OtherLag]:
-    """Lags that the recording leaves open of a step's effect; none where no temperature drives it."""
-    if step.effect.random or not sensors_of(step.effect):
-        return []
-    return other_lags(model.without([step]), step.effect, rows_of(final, model))
+    """Lags that the recording leaves open: of a step's own sensor from other states, and of other sensors.
 
-
-def sensors_of(effect: Effect) -> list[str]:
-    """Temperature columns that drive an effect: its member's, and the one that it is the excess over."""
-    return [str(sensor) for name in SENSORS if (sensor := getattr(effect, name, None))]
-
-
-def rows_of(final: Fit, model: EffectModel) -> float:
-    """Rows of the survey that each row of the linear model stands for."""
-    return len(final.survey) / max(len(np.unique(model.start.index)), 1)
-
-
-def other_lags(beside: LinearModel, effect: Effect, rows: float) -> list[OtherLag]:
-    """Lags that the recording leaves open: of an effect's own sensor from other states, and of other sensors.
-
-    Parameters
-    ----------
-    beside : the linear model without the effect; `rows`: that each of its rows stands for.
+    None where no temperature drives it.
     """
-    return beside.answer(partial(_other_lags, beside, effect, rows), (effect,), "other lags", rows)
-
-
-def _other_lags(beside: LinearModel, effect: Effect, rows: float) -> list[OtherLag]:
     from scipy.special import logsumexp
 
-    lags = [lags_behind(beside, e, rows) for e in (effect, *by_others(beside, effect))]
-    masses = [own.masses[:-1] if own.departed else own.masses for own in lags]
+    effect, beside = step.effect, model.without([step])
+    if effect.random or not sensors_of(effect):
+        return []
+    lags = [lags_behind(beside, e) for e in (effect, *by_others(beside, effect))]
+    masses = [own.masses(rows_of(final, model)) for own in lags]
     whole = logsumexp(np.concatenate(masses))
     if not np.isfinite(whole):  # beside all others nothing is seen of it
         return []
@@ -173,18 +166,33 @@ def _other_lags(beside: LinearModel, effect: Effect, rows: float) -> list[OtherL
             states += own.departing(probability[: len(own.initial)])
         if of_another:
             states.append((own.steady(), float(probability[-1])))
-        out += [(of_another | fields, weight) for fields, weight in states if weight > SELDOM]
+        # sums of probabilities may be larger than 1 by rounding
+        out += [(of_another | fields, min(weight, 1.0)) for fields, weight in states if weight > SELDOM]
     return out
+
+
+def sensors_of(effect: Effect) -> list[str]:
+    """Temperature columns that drive an effect: its member's, and the one that it is the excess over."""
+    return [str(sensor) for name in SENSORS if (sensor := getattr(effect, name, None))]
+
+
+def rows_of(final: Fit, model: EffectModel) -> float:
+    """Rows of the survey that each row of the linear model stands for."""
+    return len(final.survey) / max(len(np.unique(model.start.index)), 1)
+
+
+def in_equilibrium(effect: Effect) -> Effect:
+    """The effect of a member that had its sensor's temperature in the first row."""
+    return effect.model_copy(update={"initial": 0.0}) if hasattr(effect, "initial") else effect
 
 
 def by_others(beside: LinearModel, effect: Effect) -> Iterator[Effect]:
     """The effect with another sensor in place of one, in equilibrium in the first row."""
-    steady = {"initial": 0.0} if hasattr(effect, "initial") else {}
     for field in SENSORS:
         if getattr(effect, field, None):
             for sensor in beside.scene.sensors:
                 if sensor not in sensors_of(effect):
-                    yield effect.model_copy(update=steady | {field: sensor})
+                    yield in_equilibrium(effect).model_copy(update={field: sensor})
 
 
 def _evidence(beside: LinearModel, effect: Effect, taus: Array, initial: Array) -> Array:
