@@ -58,6 +58,7 @@ from identification.diagnosis.results.findings import (
 from identification.diagnosis.results.nameless_alternative import checked_alternative
 from identification.diagnosis.results.other_sensors import by_other_sensors, sensors_probability, sentence_of
 from identification.diagnosis.results.physical_limits import checked_name
+from identification.diagnosis.results.places import place_probabilities, sentence_of_places, with_places
 from identification.diagnosis.results.profile_likelihood import other_effects, time_constants
 from identification.diagnosis.results.recorded_functions import alike_motions, recorded
 from identification.diagnosis.results.statements import (
@@ -291,6 +292,8 @@ def _finding(
     statement = statement_of(whole, machine, hidden, probability, names)
     sensors = sensors_probability(lags_left_open(final, model, step), main)
     others += by_other_sensors(main, motions_of(main, linear), sensors)
+    places = place_probabilities(main.effect, main.where, others)
+    elsewhere_said = alike_of(same, machine) or sentence_of_places(places)
     at = getattr(main, "at", None) if "time" in main.drivers else None
     finding = Finding(
         effect=main.effect,
@@ -302,7 +305,7 @@ def _finding(
         period=period_of(main, machine),
         periods=periods_of(main, machine),
         statement=" ".join(
-            filter(None, (statement, *(f"{t}." for t in results), alike_of(same, machine), sentence_of(main, sensors)))
+            filter(None, (statement, *(f"{t}." for t in results), elsewhere_said, sentence_of(main, sensors)))
         ),
         parameters=whole.amounts,
         time_constants=[amount for s in group for amount in time_constants(final, model, s)],
@@ -311,11 +314,12 @@ def _finding(
         heldout_rms_um=HeldOut(*(heldout_um(before, b) for b in (linear, model.linear))),
         absorbed=hidden,
         moved=_moved(before, model.start, columns[:, : len(linear.index)], values),
-        alternatives=others,
+        alternatives=with_places(others, main.effect, places),
         next_measurement=next_measurement(main, alike[0] if alike else None),
         size_um=whole.size_um,
         brief=brief_of(whole, machine),
         positive=main.positive(machine),
+        place_probability=places[main.where],
     )
     return checked_name(finding, whole, final, log)
 

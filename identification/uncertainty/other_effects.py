@@ -8,6 +8,7 @@ Bayesian model averaging, Statistical Science 14, 1999).
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -46,6 +47,11 @@ class OtherEffect:
         return replace(machine, effects=tuple(effects))
 
     @property
+    def of_time_constant(self) -> bool:
+        """Whether a time constant is all that is another one."""
+        return not {"initial", *SENSORS} & {*self.options}
+
+    @property
     def sensors(self) -> list[str]:
         """Other sensors than the machine's own effect has."""
         return [str(self.options[name]) for name in SENSORS if name in self.options]
@@ -72,14 +78,24 @@ def unrecorded(others: Iterable[OtherEffect], table: pd.DataFrame) -> Iterator[s
 def with_other_effects(
     others: Iterable[OtherEffect], predicted: Array, predict: Callable[[OtherEffect], Array]
 ) -> Array:
-    """Predictions (n, 9) with what others change in their uncertainty: the mean square of it.
+    """Predictions (n, 9) averaged over the models: their mean, and the variance between them in their uncertainty.
+
+    The variance between them is the mean square of what they change less the square of its mean. Different effects,
+    and a time constant beside all else of an effect, are independent of each other.
 
     Parameters
     ----------
     predicted : position, error and standard uncertainty, mm; `predict`: the same with another effect.
     """
-    out = predicted.copy()
+    square = np.zeros_like(predicted[:, :3])
+    mean = defaultdict[tuple[int, bool], Array](lambda: np.zeros_like(square))
     for other in others:
         change = predict(other)[:, :3] - predicted[:, :3]
-        out[:, 6:] = np.hypot(out[:, 6:], np.sqrt(other.weight) * change)
+        mean[other.effect, other.of_time_constant] += other.weight * change
+        square += other.weight * change**2
+    out = predicted.copy()
+    for change in mean.values():
+        out[:, :6] += np.hstack([change, change])
+        square -= change**2
+    out[:, 6:] = np.sqrt(out[:, 6:] ** 2 + np.maximum(square, 0.0))
     return out

@@ -35,6 +35,7 @@ class Alternative:
     log10_bayes_factor : by this data alone, against the finding.
     probability : of the same kind as the finding's, so that the two never add up to more than 1; None of the same
         effect at another place, of which the finding's probability says nothing.
+    place_probability : of that place, given the effect; None of other effects.
     reason : why the finding was preferred, where this data alone fits the alternative better; else "".
     """
 
@@ -46,6 +47,7 @@ class Alternative:
     driver: list[str] = field(default_factory=list)
     probability: float | None = None
     reason: str = ""
+    place_probability: float | None = None
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,8 @@ class Finding:
     Beyond what that page lists: `size_um`, the root mean square of what it does at the tip over the survey's rows,
     `rows` (of outliers: data rows, from 1), `brief`, its name and size, and `positive`, what a positive parameter does
     where that is not a rise of the motion in its name. `period` in mm, of a rotary joint in degrees, and `periods`
-    along each driver; `time_constants`, s, with their standard uncertainties.
+    along each driver; `time_constants`, s, with their standard uncertainties. `probability` is that of the name,
+    `place_probability` that of the place given the name.
     """
 
     effect: str
@@ -88,6 +91,7 @@ class Finding:
     rows: list[int] | None = None
     brief: str = ""
     positive: str = ""
+    place_probability: float = 1.0
 
     @property
     def nameless(self) -> bool:

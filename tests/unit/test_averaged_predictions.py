@@ -1,0 +1,50 @@
+"""Predictions averaged over what a recording leaves open of effects."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from identification.uncertainty.other_effects import OtherEffect, with_other_effects
+
+PREDICTED = np.array([[1.0, 2.0, 3.0, 0.01, 0.02, 0.03, 0.001, 0.002, 0.003]])
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 0.2), st.floats(-1.0, 1.0)), min_size=1, max_size=4))
+def test_mean_and_variance_are_those_of_the_mixture(models: list[tuple[float, float]]) -> None:
+    """Of one effect one model holds: moments of a mixture of normal distributions, position and error alike."""
+    others = [
+        OtherEffect(0, {"sensor": f"T_{k}"}, weight, {"change": change}) for k, (weight, change) in enumerate(models)
+    ]
+
+    def predict(other: OtherEffect) -> np.ndarray:
+        return PREDICTED + other.parameters["change"] * np.repeat([1.0, 1.0, 0.0], 3)
+
+    (out,) = with_other_effects(others, PREDICTED, predict)
+    weights = np.array([1 - sum(w for w, _ in models), *(w for w, _ in models)])
+    means = 1.0 + np.array([0.0, *(change for _, change in models)])
+    mean = weights @ means
+    variance = weights @ (0.001**2 + (means - mean) ** 2)
+    assert out[0] == pytest.approx(mean)
+    assert out[3] - PREDICTED[0, 3] == pytest.approx(mean - 1.0)
+    assert out[6] == pytest.approx(np.sqrt(variance), rel=1e-6)
+
+
+def test_time_constants_and_other_effects_are_independent() -> None:
+    """Their variances add, whatever their probabilities add up to."""
+    changes = {"tau": 0.3, "sensor": 0.4}
+    others = [
+        OtherEffect(0, {"tau": 60.0}, 0.6, {}),
+        OtherEffect(0, {"sensor": "T_a", "tau": 60.0}, 0.7, {}),
+        OtherEffect(1, {"tau": 9.0}, 0.5, {}),
+    ]
+
+    def predict(other: OtherEffect) -> np.ndarray:
+        return PREDICTED + changes["sensor" if "sensor" in other.options else "tau"]
+
+    (out,) = with_other_effects(others, PREDICTED, predict)
+    assert out[0] == pytest.approx(1 + 0.6 * 0.3 + 0.7 * 0.4 + 0.5 * 0.3)
+    between = 0.6 * 0.4 * 0.3**2 + 0.7 * 0.3 * 0.4**2 + 0.5 * 0.5 * 0.3**2
+    assert out[6] == pytest.approx(np.sqrt(0.001**2 + between))
