@@ -16,6 +16,7 @@ from errormodel.effects.shared import Initial, Lag, each_motion, lags, outward, 
 from errormodel.machine import Machine, Shape
 
 ASIDE = 2.3  # log prior odds, 10 to 1, against a spindle that grows across its axis; by judgement
+PARTS = ("spindle", "spindel", "headstock", "quill")  # a sensor that is named after one measures the spindle
 
 
 class SpindleGrowth(Effect):
@@ -49,11 +50,11 @@ class SpindleGrowth(Effect):
         return thermal(self.sensor, self.minus)
 
     def cost(self, scene: Scene) -> float:
-        """Natural logarithm of the prior odds against it, unless the sensor's name says that it is the spindle's.
+        """Natural logarithm of the prior odds against it, unless the sensor is named after it or its housing.
 
         What moves across the spindle is seldom its growth, and what another sensor drives in all motions is seldom so.
         """
-        own = "spindle" in self.sensor.lower()
+        own = any(part in self.sensor.lower() for part in PARTS)
         aside = self.motion is not None and not (own and self.motion == "all")
         return super().cost(scene) + (0.0 if own else 4.0) + (ASIDE if aside else 0.0)
 

@@ -1,0 +1,34 @@
+"""Which sensors are taken for the spindle's own."""
+
+from __future__ import annotations
+
+import pytest
+
+from errormodel.effects import make
+from errormodel.effects.search_space.survey_summary import Scene
+from errormodel.machine import EffectSpec
+from errormodel.machine_file import read_machine
+from identification.diagnosis.linear.of_fit import set_up
+from identification.estimation.fit import fit_machine
+from tests.helpers.diagnosed import empty_survey
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    machine = read_machine("vertical_three_axis")
+    return set_up(fit_machine(machine, empty_survey(machine, 120, 3, channels=True, grid=False))).scene
+
+
+@pytest.mark.parametrize(
+    ("sensor", "own"),
+    [("T_spindle", True), ("T_Headstock_2", True), ("T_quill", True), ("T_hall", False), ("T_bed", False)],
+)
+def test_a_sensor_by_its_name(scene: Scene, sensor: str, own: bool) -> None:
+    """Growth by another sensor than the spindle's has odds against it, and more of them across the spindle."""
+    along, across = (
+        make(EffectSpec("spindle-growth", {"sensor": sensor, **more})).cost(scene) for more in ({}, {"motion": "dy"})
+    )
+    named = make(EffectSpec("spindle-growth", {"sensor": "T_spindle"})).cost(scene)
+    assert (along == named) == own
+    assert along >= named
+    assert across > along
