@@ -45,7 +45,8 @@ CLOCK_MISFIT_KELVIN = 0.1
 UNITS_OF_CHANNELS = {"time": "s", "feed": "mm/min", "load": "kg"}
 OWN_COLUMNS = ("file", "role", "row")  # of a survey's table, which no file has
 RECORDS = "T_", "w_"  # prefixes of sensors' columns
-_GAPLESS = (*RECORDS, "time", "feed", "load")
+# beginnings of the names of columns that have no gaps where an effect needs them
+GAPLESS = (*RECORDS, "time", "feed", "load")
 CLOCKS = "time", "row"  # of a survey: times or, where these were not recorded, the order of its rows
 # nominal position of the functional point in the reference's axes, mm
 POINT_CHANNELS = ("point_x", "point_y", "point_z")
@@ -81,7 +82,7 @@ def channel(table: pd.DataFrame, name: str) -> Array:
     if name not in table:
         raise _missing(table, name, "which an effect of this machine needs")
     values = table[name].to_numpy(dtype=np.float64)
-    if name.startswith(_GAPLESS) and not np.isfinite(values).all():
+    if name.startswith(GAPLESS) and not np.isfinite(values).all():
         row = int(np.flatnonzero(~np.isfinite(values))[0])
         raise InputError(
             f"{', row '.join(_place(table, row))}, column {name}",

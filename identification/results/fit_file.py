@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,6 +16,7 @@ from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec
 from errormodel.yamlfile import Number, Vector3
 from identification.results.versions import validate
+from identification.uncertainty.other_effects import OtherEffect
 
 INSTRUMENT_MEMBER = re.compile(r"(frame(\[.*\])?|zero\[.*\])\.(d[xyz]|e[abc])", re.DOTALL)  # no parameter of a chain
 
@@ -96,9 +96,10 @@ class _SetUp(_Part):
 
 class _OtherEffect(_Part):
     effect: Annotated[int, Field(ge=0)]
-    options: dict[str, Number | str]
+    options: dict[str, Number | str | bool | list[Number | str]]
     weight: Annotated[Number, Field(ge=0, le=1)]
     parameters: dict[str, Number]
+    name: str = ""
 
 
 class FitFile(_Part):
@@ -165,7 +166,7 @@ def _check_other(where: str, other: Mapping[str, Any], specs: Sequence[EffectSpe
     if number >= len(specs):
         raise InputError(where, f"the effect number {number + 1}, which the machine does not have", cure)
     try:
-        make(replace(specs[number], options={**specs[number].options, **other["options"]}))
+        make(OtherEffect(number, other["options"], 0.0, {}, other.get("name", "")).spec(specs[number]))
     except InputError as error:
         raise InputError(where, f"of the effect number {number + 1}: {error.found}", cure) from error
 

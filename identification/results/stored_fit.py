@@ -123,7 +123,7 @@ def read_files(folder: Path) -> StoredFit:
             float(data.get("coverage", 1.0)),
             1e-3 * float(data.get("systematic_um", 0.0)),
             tuple(
-                OtherEffect(o["effect"], o["options"], float(o["weight"]), o["parameters"])
+                OtherEffect(o["effect"], o["options"], float(o["weight"]), o["parameters"], o.get("name", ""))
                 for o in data.get("other_effects", [])
             ),
         )

@@ -1,9 +1,10 @@
-"""Uncertainty by what a recording leaves open of an effect: its time constant, its sensor, what its lag began with.
+"""Uncertainty by what a recording leaves open of an effect: its lag, its sensor, its place, its name.
 
 A recording that is short beside a time constant hardly shows it, and of two sensors that warmed alike it does not show
-which one is the cause. In its rows that matters little, since the sizes of effects make up for it; hours later it is
-most of the uncertainty. Predictions are averaged over these models, each fitted as a whole (J. A. Hoeting et al.,
-Bayesian model averaging, Statistical Science 14, 1999).
+which one is the cause; a grid of few levels does not show which curve lies between them. In its rows that matters
+little, since the sizes of effects make up for it; hours later, or elsewhere, it is most of the uncertainty. Predictions
+are averaged over these models, each fitted as a whole (J. A. Hoeting et al., Bayesian model averaging, Statistical
+Science 14, 1999).
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.effects.base import SENSORS
+from errormodel.channels import GAPLESS, root
+from errormodel.effects import make
+from errormodel.effects.base import SENSORS, Effect
 from errormodel.machine import EffectSpec, Machine
 
 if TYPE_CHECKING:
@@ -25,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class OtherEffect:
-    """A model in which one effect has other fields.
+    """A model in which one effect has other fields, or another effect is in its place.
 
     Attributes
     ----------
@@ -33,40 +36,57 @@ class OtherEffect:
     options : its fields that are others: `tau` (s), `initial` (K), `sensor` and the like, as in ``machine.yaml``.
     weight : the probability of those models that it stands for.
     parameters : all parameters by name, fitted with it: mm, rad, and as their effects have them.
+    name : of another effect, of which `options` are all fields; "" of the same one.
     """
 
     effect: int
     options: Mapping[str, float | str]
     weight: float
     parameters: Mapping[str, float]
+    name: str = ""
+
+    def spec(self, own: EffectSpec) -> EffectSpec:
+        """That effect, in place of the machine's `own`."""
+        return (
+            EffectSpec(self.name, self.options) if self.name else replace(own, options={**own.options, **self.options})
+        )
 
     def machine(self, machine: Machine) -> Machine:
         """The machine with that effect."""
         effects = [*machine.effects]
-        effects[self.effect] = EffectSpec(effects[self.effect].effect, {**effects[self.effect].options, **self.options})
+        effects[self.effect] = self.spec(effects[self.effect])
         return replace(machine, effects=tuple(effects))
 
     @property
     def of_time_constant(self) -> bool:
         """Whether a time constant is all that is another one."""
-        return not {"initial", *SENSORS} & {*self.options}
+        return not (self.name or {"initial", *SENSORS} & {*self.options})
 
     @property
     def sensors(self) -> list[str]:
         """Other sensors than the machine's own effect has."""
         return [str(self.options[name]) for name in SENSORS if name in self.options]
 
-    def missing(self, table: pd.DataFrame) -> list[str]:
-        """Columns of rows that it needs and that are not there, or not in all rows."""
-        needed = [*self.sensors, *(["time"] if self.options.get("tau") else [])]
-        return [name for name in needed if name not in table or table[name].isna().any()]
+    def missing(self, machine: Machine, table: pd.DataFrame) -> list[str]:
+        """Columns that it needs, and the machine's own effect does not, that are not there, or not in all rows."""
+        own = machine.effects[self.effect]
+        known, needed = (_columns(make(spec), machine) for spec in (own, self.spec(own)))
+        return [name for name in needed if name not in known and (name not in table or table[name].isna().any())]
 
 
-def unrecorded(others: Iterable[OtherEffect], table: pd.DataFrame) -> Iterator[str]:
+def _columns(effect: Effect, machine: Machine) -> list[str]:
+    """Columns of times, temperatures and other records that an effect needs."""
+    channels = effect.channels(machine)
+    roots = [root(c) for c in channels]
+    late = ["time"] if any(c.startswith("lag(") for c in channels) else []
+    return [name for name in (*roots, *late) if name.startswith(GAPLESS)]
+
+
+def unrecorded(others: Iterable[OtherEffect], machine: Machine, table: pd.DataFrame) -> Iterator[str]:
     """Notes on what may be the cause as well, and is not in all rows."""
     chances = dict[str, float]()
     for other in others:
-        for name in other.missing(table):
+        for name in other.missing(machine, table):
             chances[name] = chances.get(name, 0.0) + other.weight
     for name, chance in chances.items():
         yield (

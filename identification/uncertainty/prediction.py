@@ -94,7 +94,7 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
         own = fit.with_effect(other)
         return _predict_rows(own, _channels(own, points), labels)
 
-    others = [other for other in fit.others if not other.missing(points.table)]
+    others = [other for other in fit.others if not other.missing(fit.chain.machine, points.table)]
     out = with_other_effects(others, out, with_effect)
     recorded = fit.data.get("temperatures", {})
     out = with_unknown_temperatures(
@@ -164,7 +164,7 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     mistakes = (MISTAKE.format(text=text) for text in mended_words(fit.chain.machine))
     changes = (
         *late,
-        *unrecorded(fit.others, points.table),
+        *unrecorded(fit.others, fit.chain.machine, points.table),
         *ended,
         *idle,
         *moving,

@@ -13,17 +13,20 @@ from errormodel.effects import make
 from errormodel.effects.base import NOT_SETTLED
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
+from errormodel.survey import read_survey
 from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.search.candidates import score_of
 from identification.diagnosis.search.other_lags import _of_departures
-from identification.estimation.fit import fit_machine
+from identification.estimation.fit import fit_machine, parameters_of
 from identification.results import store
 from identification.results.predictions import predicted
+from identification.uncertainty.other_effects import OtherEffect
 from identification.uncertainty.prediction import notes
 from tests.helpers.commands import MILL, XYZ, done, run
 from tests.helpers.diagnosed import empty_survey, showing
 
+WAVE = {"joint": "X", "motion": "dz", "every": 200.0}
 UNCERTAINTY = ["ux", "uy", "uz"]
 
 
@@ -163,3 +166,44 @@ def test_a_time_constant_has_an_uncertainty() -> None:
         assert amount.unit == "s"
         off.append((amount.value - tau) / amount.std)
     assert 0.207 < np.sum(np.square(off)) < 14.86
+
+
+def test_places_that_the_recording_does_not_tell_apart(tmp_path: Path) -> None:
+    """Members that do not turn against each other: all are fitted, and predictions are those of all of them."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=False, grid=False)
+    time = np.linspace(0, 14400, 400)
+    bed = 20 + 3 * np.sin(time / 1500)
+    survey = replace(survey, table=survey.table.assign(time=time, T_bed=bed))
+    spec = EffectSpec("structure-drift", {"element": "column", "motion": "dy", "sensor": "T_bed", "tau": 900.0})
+    diagnosed = diagnose(machine, showing(survey, machine, [(spec, [0.006])], 0.002))
+    (finding,) = diagnosed.diagnosis.findings
+    others = {o.options.get("element"): o.weight for o in diagnosed.final.others if o.name == "structure-drift"}
+    elsewhere = {a.where: a.place_probability for a in finding.alternatives if a.effect == "structure-drift"}
+    assert len(others) >= 2
+    assert others == pytest.approx({p: finding.probability * elsewhere[p] for p in others}, rel=0.1)
+    assert "Its place may also be" in finding.statement
+    store.save(diagnosed.final, tmp_path)
+    fit = store.load(tmp_path)
+    assert fit.others == diagnosed.final.others
+    out, likeliest = predicted(fit, survey), predicted(replace(fit, others=()), survey)
+    # where nothing turns they are the same
+    assert out[XYZ].to_numpy() == pytest.approx(likeliest[XYZ].to_numpy(), abs=5e-4)
+
+
+def test_another_effect_in_its_place(tmp_path: Path) -> None:
+    """The mean of two curves through the same levels, and their spread in the uncertainty."""
+    done("simulate", MILL, 60, "--noise", 0.002, "--out", tmp_path / "s.csv")
+    machine = replace(read_machine(MILL), effects=(EffectSpec("higher-order-geometry", WAVE),))
+    fit = fit_machine(machine, read_survey(tmp_path / "s.csv", machine))
+    dent = {"joint": "X", "motion": "dz", "at": 0.0, "width": 100.0}
+    trial = OtherEffect(0, dent, 0.25, {}, "local-defect")
+    values = parameters_of(trial.machine(machine), fit)
+    store.save(replace(fit, others=(replace(trial, parameters=values),)), tmp_path / "fit")
+    stored, points = store.load(tmp_path / "fit"), fit.survey
+    alone = replace(stored, others=())
+    out, own, other = (predicted(f, points) for f in (stored, alone, alone.with_effect(stored.others[0])))
+    assert out[XYZ].to_numpy() == pytest.approx((0.75 * own[XYZ] + 0.25 * other[XYZ]).to_numpy())
+    between = 0.75 * 0.25 * np.square((other[XYZ] - own[XYZ]).to_numpy())
+    assert np.square(out[UNCERTAINTY].to_numpy()) == pytest.approx(np.square(own[UNCERTAINTY].to_numpy()) + between)
+    assert between.max() > 0

@@ -186,26 +186,32 @@ def alternatives_of(step: Step, linear: LinearModel, probability: float, most: i
     step, linear : what was chosen, and the model without it.
     probability : of the finding; the others share what it leaves.
     """
-    best: dict[tuple[str, str], Step] = {}
-    for one in (step, *step.alternatives):
-        best.setdefault((one.effect.effect, one.effect.where), one)
-    names = probabilities_of(step)
-    left = (1 - probability) / (1 - names[step.effect.effect])
-    weights = {key: np.exp(_weight(one, step) - _weight(step, step)) for key, one in best.items()}
+    left = (1 - probability) / (1 - probability_of(step))
     out = []
-    likeliest = sorted(list(best)[1:], key=lambda k: -weights[k])
-    for number, key in enumerate(likeliest):
-        alternative = best[key]
+    for number, (alternative, likely) in enumerate(explanations(step)[1:]):
         if number >= most and (alternative.effect.empirical or log10_factor(step, alternative) < -SEPARABLE):
             continue
-        name, places = key[0], sum(w for (other, _), w in weights.items() if other == key[0])
-        share = weights[key] / max(places, TINY)
-        own = None if name == step.effect.effect else float(left * names[name] * share)
+        key = alternative.effect.effect, alternative.effect.where
+        own = None if key[0] == step.effect.effect else left * likely
         factor = log10_factor(step, alternative)
         more = motions_of(alternative.effect, linear), list(alternative.effect.drivers)
         why = preference(step, alternative) if factor > BETTER else ""
         out.append(Alternative(*key, factor, abs(factor) > SEPARABLE, *more, own, why))
     return sorted(out, key=lambda a: -1.0 if a.probability is None else -a.probability)
+
+
+def explanations(step: Step) -> list[tuple[Step, float]]:
+    """The best explanation of each effect and place with its probability: a step's own, then the likeliest first."""
+    best: dict[tuple[str, str], Step] = {}
+    for one in (step, *step.alternatives):
+        best.setdefault((one.effect.effect, one.effect.where), one)
+    names, total = probabilities_of(step), dict.fromkeys((name for name, _ in best), 0.0)
+    weights = {key: float(np.exp(_weight(one, step) - _weight(step, step))) for key, one in best.items()}
+    for (name, _), weight in weights.items():
+        total[name] += weight
+    first, *others = best
+    keys = [first, *sorted(others, key=lambda k: -weights[k])]
+    return [(best[k], names[k[0]] * weights[k] / max(total[k[0]], TINY)) for k in keys]
 
 
 def elsewhere(main: Effect, motions: Sequence[tuple[str, Motion]]) -> list[Alternative]:

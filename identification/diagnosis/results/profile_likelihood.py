@@ -10,15 +10,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from errormodel.effects.base import Effect
 from identification.diagnosis.results.effect_size import Amount
+from identification.diagnosis.results.findings import explanations
 from identification.diagnosis.results.other_sensors import sensors_probability
 from identification.diagnosis.search.candidates import WIDEST
 from identification.diagnosis.search.model import EffectModel
-from identification.diagnosis.search.other_lags import lags_left_open, rows_of
+from identification.diagnosis.search.other_lags import SELDOM, lags_left_open, rows_of
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import parameters_of
 from identification.estimation.result import Fit
@@ -27,11 +29,12 @@ from identification.uncertainty.other_effects import OtherEffect
 FARTHEST = np.log(30.0)  # logarithm of the largest ratio: beyond it a lag is a line in time, or none
 STEPS = 32  # on either side
 CLEAR = 4.0  # chi-squared: two standard uncertainties
+MOST = 4  # other places and names of an effect: each is a fit
 SURE = FARTHEST / STEPS  # a tenth of the time constant: what is better known changes no prediction by more than that
 
 
 def other_effects(final: Fit, model: EffectModel, first: int) -> tuple[OtherEffect, ...]:
-    """Other time constants, sensors and first states of effects that the recording leaves open, and all fitted to them.
+    """Other time constants, sensors, first states, places and names that the recording leaves open, all fitted to them.
 
     Of each time constant that is not well known there is a smaller and a larger one.
 
@@ -44,6 +47,8 @@ def other_effects(final: Fit, model: EffectModel, first: int) -> tuple[OtherEffe
         effect = step.effect
         if step.parent is not None or effect.random:  # a further lag corrects the form of a first one
             continue
+        elsewhere = [(e, p) for s, p in explanations(step)[1:] if p > SELDOM and not (e := s.effect).empirical][:MOST]
+        own = 1.0 - sum(p for _, p in elsewhere)
         trials = list[tuple[dict[str, float | str], float]]()
         if names := _time_constants(effect, final):
             rise = _rise(final, model, step)
@@ -51,13 +56,19 @@ def other_effects(final: Fit, model: EffectModel, first: int) -> tuple[OtherEffe
                 of_value = partial(_with, rise, name)
                 trials += [({name: value}, weight) for value, weight in _sides(float(getattr(effect, name)), of_value)]
         others = lags_left_open(final, model, step)
-        elsewhere = min(sum(sensors_probability(others, effect).values()), 1.0)
-        trials = [(options, (1 - elsewhere) * weight) for options, weight in trials] + others
-        for options, weight in trials:
-            trial = OtherEffect(first + number, options, weight, {})
+        by_others = min(sum(sensors_probability(others, effect).values()), 1.0)
+        trials = [(options, (1 - by_others) * weight) for options, weight in trials] + others
+        same = [OtherEffect(first + number, options, own * weight, {}) for options, weight in trials]
+        named = [OtherEffect(first + number, _fields(e), weight, {}, e.effect) for e, weight in elsewhere]
+        for trial in (*same, *named):
             parameters = parameters_of(trial.machine(final.chain.machine), final, WIDEST)
             out.append(replace(trial, parameters=parameters))
     return tuple(out)
+
+
+def _fields(effect: Effect) -> dict[str, Any]:
+    """Fields of an effect, as a file has them."""
+    return effect.model_dump(mode="json", exclude_defaults=True)
 
 
 def time_constants(final: Fit, model: EffectModel, step: Step) -> Iterator[Amount]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from errormodel.channels import root
 from errormodel.effects.base import Effect
 from errormodel.effects.shared import lags as lags_tried
 from identification.diagnosis.decisions.constants import CLEARLY, NO_WORSE
@@ -29,7 +30,12 @@ def with_likeliest_sensors(model: EffectModel, candidates: Candidates, log: Deci
         groups = out.findings
         main, *more = groups[k]
         further = [s for s in more if _of_one_form(main.effect, s.effect)]
-        effect = None if main.effect.random or not sensors_of(main.effect) else _likeliest(out, main, further, log)
+        sensors = {*sensors_of(main.effect)}
+        if main.effect.random or not sensors:
+            continue
+        # curves of one of its sensors, which refine its form, would leave that sensor nothing
+        curves = [s for s in more if s.effect.empirical and sensors & {root(d) for d in s.effect.drivers}]
+        effect = _likeliest(out.without([main, *further, *curves]), main, further, log)
         if effect is None:
             continue
         rest = [s for s in more if not any(s is own for own in further)]
@@ -48,9 +54,8 @@ def _of_one_form(one: Effect, other: Effect) -> bool:
     return one.effect == other.effect and own == more
 
 
-def _likeliest(model: EffectModel, main: Step, further: list[Step], log: DecisionLog) -> Effect | None:
+def _likeliest(beside: LinearModel, main: Step, further: list[Step], log: DecisionLog) -> Effect | None:
     """The effect by the likeliest sensor; None where it is as it was."""
-    beside = model.without([main, *further])
     every = [lags_behind(beside, e) for e in (main.effect, *by_others(beside, main.effect))]
     averaged = np.array([own.averaged for own in every])
     best = int(np.argmax(averaged))

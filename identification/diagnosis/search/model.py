@@ -10,6 +10,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
+from identification.diagnosis.decisions.constants import CLEARLY
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.blocks import NOTHING
@@ -38,7 +39,10 @@ class EffectModel:
 
     @cached_property
     def log_posterior(self) -> float:
-        """Log evidence of all effects together, under correlated noise, with the log prior of each."""
+        """Log evidence of all effects together, under correlated noise, with the log prior of each.
+
+        A further sensor or lag of a name, which follows a slow course as well as a curve does, is clearly less likely.
+        """
         effects = [s.effect for s in self.steps]
         linear, total = self.start, 0.0
         for curve in (e for e in effects if e.random):
@@ -48,7 +52,8 @@ class EffectModel:
         if rest := sorted((e for e in effects if not e.random), key=lambda e: e.empirical):
             [(_, evidence)] = coloured.evidence(linear, [rest])
             total += evidence
-        return total + sum(s.log_prior for s in self.steps)
+        further = sum(s.parent is not None and not s.effect.empirical for s in self.steps)
+        return total + sum(s.log_prior for s in self.steps) - CLEARLY * further
 
 
 def replayed(start: LinearModel, steps: Sequence[Step]) -> EffectModel:
