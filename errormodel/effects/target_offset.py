@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Self
 import numpy as np
 from pydantic import model_validator
 
+from errormodel.arrays import Index
 from errormodel.conventions import TOOL, TRANSLATIONS
 from errormodel.effects.base import MOMENT, Channels, Effect, EffectTerm
 from errormodel.effects.ops import Value, absolute, fmax, fmin
@@ -68,14 +69,27 @@ class TargetOffset(Effect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        number = np.zeros(1, dtype=np.intp)  # of each row's tool
         if not any(scene.varies(c) for c in TOOL_COLUMNS):
             yield cls()  # a machine whose last member has no constant errors shows it
         else:
-            tools = np.unique(np.round(np.column_stack([scene.columns[c] for c in TOOL_COLUMNS]), 4), axis=0)
+            every = np.round(np.column_stack([scene.columns[c] for c in TOOL_COLUMNS]), 4)
+            tools, number = np.unique(every, axis=0, return_inverse=True)
             if len(tools) <= MOST_TOOLS:
                 for tool in tools.tolist():
                     yield cls(tool=tuple(tool))
         if any(joint.type == "rotary" for joint in scene.moving):  # else it is a shift of the station
-            yield from (cls(run=run) for run in switched(scene))
+            yield from (cls(run=run) for run in switched(scene) if not _of_tools(scene, run, number))
         if scene.moving and scene.moving[-1].type == "rotary":  # else any step in time of what carries the tool is one
             yield from (cls(at=at) for at in moments(scene))
+
+
+def _of_tools(scene: Scene, run: str | tuple[str, ...], number: Index) -> bool:
+    """Whether runs have tools of their own: then these are the cause.
+
+    Parameters
+    ----------
+    number : of each row's tool.
+    """
+    inside = np.asarray(in_runs(scene.columns.__getitem__, run)) > 0
+    return bool(number.any()) and not {*number[inside].tolist()} & {*number[~inside].tolist()}

@@ -62,6 +62,20 @@ def test_a_target_is_exchanged_where_a_turn_tells_it_from_a_shift_of_the_station
     assert drivers == {(), *by}
 
 
+@pytest.mark.parametrize(("tools", "by_run"), [([0, 1, 0, 2], {"1", "3"}), ([0, 0, 1, 1], {"1", "2", "3", "4"})])
+def test_where_runs_have_tools_of_their_own_the_tool_is_the_cause(tools: list[int], by_run: set[str]) -> None:
+    """What differs in all rows of a tool and in no others is that tool's, though it was used in one run only."""
+    machine = read_machine("five_axis_table_quill")
+    rng = np.random.default_rng(0)
+    columns = {j.name: rng.uniform(*j.travel, 40) for j in machine.joints}
+    columns |= {f"run({k})": 1.0 * (np.repeat([1, 2, 3, 4], 10) == k) for k in (1, 2, 3, 4)}
+    columns |= {"tool_x": np.zeros(40), "tool_y": np.zeros(40), "tool_z": -20.0 * np.repeat(tools, 10)}
+    proposed = [e.model_dump() for e in registry()["target-offset"].proposals(Scene(machine, columns))]
+    assert {e["run"] for e in proposed if isinstance(e["run"], str)} == by_run
+    assert ("1", "3") not in {e["run"] for e in proposed} or tools == [0, 0, 1, 1]
+    assert len([e for e in proposed if e["tool"]]) == len(set(tools))
+
+
 def test_a_target_offset_is_of_a_tool_a_time_or_a_run() -> None:
     with pytest.raises(InputError, match="one of a tool"):
         make(EffectSpec("target-offset", {"at": 60.0, "run": "2"}))

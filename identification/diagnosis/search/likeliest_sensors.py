@@ -35,7 +35,7 @@ def with_likeliest_sensors(model: EffectModel, candidates: Candidates, log: Deci
             continue
         # curves of one of its sensors, which refine its form, would leave that sensor nothing
         curves = [s for s in more if s.effect.empirical and sensors & {root(d) for d in s.effect.drivers}]
-        effect = _likeliest(out.without([main, *further, *curves]), main, further, log)
+        effect = _likeliest(out, main, further, curves, log)
         if effect is None:
             continue
         rest = [s for s in more if not any(s is own for own in further)]
@@ -54,8 +54,11 @@ def _of_one_form(one: Effect, other: Effect) -> bool:
     return one.effect == other.effect and own == more
 
 
-def _likeliest(beside: LinearModel, main: Step, further: list[Step], log: DecisionLog) -> Effect | None:
+def _likeliest(
+    model: EffectModel, main: Step, further: list[Step], curves: list[Step], log: DecisionLog
+) -> Effect | None:
     """The effect by the likeliest sensor; None where it is as it was."""
+    beside = model.without([main, *further, *curves])
     every = [lags_behind(beside, e) for e in (main.effect, *by_others(beside, main.effect))]
     averaged = np.array([own.averaged for own in every])
     best = int(np.argmax(averaged))
