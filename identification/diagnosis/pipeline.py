@@ -172,8 +172,8 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         if fewer:
             bad = still
             fit, found = again(bad)
-    if found.model.steps and not noise_checked and (more := gross_rows(found.final, log) & ~bad).any():
-        bad = bad | more  # what was found had hidden them
+    if not noise_checked and (more := gross_rows(found.final, log, explained=True) & ~bad).any():
+        bad = bad | more  # what was found had hidden them, or made them seem heavy tails
         fit, found = again(bad)
     # what was found before courses in time is judged without them: they take the place of what has no name
     earlier = {g[0].effect.key: (found.model, g) for g in found.model.findings}

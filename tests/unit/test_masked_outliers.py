@@ -11,6 +11,7 @@ import pytest
 
 from errormodel import Machine, Survey, read_machine, read_survey
 from identification.diagnosis.data_checks.outliers import gross_rows, masked_rows
+from identification.diagnosis.pipeline import diagnose
 from identification.estimation.fit import Fit, fit_machine
 from tests.helpers.commands import XYZ, write
 
@@ -59,3 +60,19 @@ def test_sound_rows_are_left_alone(seed: int, tmp_path: Path) -> None:
         return asked[-1]
 
     assert not masked_rows(fit_machine(machine, survey), robust).any()
+
+
+def test_rows_that_are_only_eight_times_the_noise_are_found_at_last(tmp_path: Path) -> None:
+    """They are no gross rows at first, when they may be physics; once nothing explains them they are left out."""
+    rng = np.random.default_rng(11)
+    commands = (rng.random((300, 3)) - 0.5) * [600, 400, 400]
+    noise = NOISE * rng.standard_normal(commands.shape)
+    broken = [20, 77, 140, 201, 260]
+    noise[broken] += NOISE * np.array([[7, 3, -3], [-6, 5, 2], [2, -8, 1], [4, 4, 6], [-2, 7, 4]])
+    table = np.hstack([commands, commands + np.array([0, 0, -150]) + noise])
+    pd.DataFrame(table, columns=["X", "Y", "Z", *XYZ]).to_csv(tmp_path / "s.csv", index=False)
+    machine = read_machine(write(tmp_path / "m.yaml", MACHINE))
+    survey = read_survey(tmp_path / "s.csv", machine)
+    assert not gross_rows(fit_machine(machine, survey)).any()
+    (finding,) = diagnose(machine, survey).diagnosis.findings
+    assert (finding.effect, finding.rows) == ("outliers", [row + 1 for row in broken])

@@ -1,4 +1,7 @@
-"""Gross outliers: rows whose distance exceeds a quantile of the noise distribution, found round by round."""
+"""Gross outliers: rows whose distance exceeds a quantile of the noise distribution, found round by round.
+
+Where all that has a cause is explained, smaller ones are told from heavy tails too (`contaminated_noise`).
+"""
 
 from __future__ import annotations
 
@@ -8,25 +11,37 @@ import numpy as np
 
 from errormodel.arrays import Array, Mask
 from errormodel.surveys.observations import observed
+from identification.diagnosis.data_checks.contaminated_noise import (
+    TAILS,
+    contaminated,
+    log_student,
+    quantile_of_student,
+)
+from identification.diagnosis.decisions.constants import CLEARLY
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.estimation.result import Fit
 
 GROSS = 10.0  # standard deviations of one component: Gaussian noise never gets there, knees and local defects rarely
 MOST = 0.15  # of the rows: more is not a handful of accidents; of all squares: one row that holds more is one
-# degrees of freedom of Student's noise; the last is Gaussian
-TAILS = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 30.0, 1000.0)
 NEARLY = 2.0  # log-likelihood by which a heavier tail may be less likely
+FEWEST = 50  # rows that show a distribution
+MOST_USED = 5000  # rows of which the distribution is taken: the time
 CHANCE = 0.02  # rows of a survey that noise with such tails throws as far as what is called gross
 
 
-def gross_rows(fit: Fit, log: DecisionLog = UNRECORDED) -> Mask:
-    """Mask (n,) of rows whose residual vector is longer than the noise, with the tails it has, ever makes one."""
-    gross = _gross(fit, fit.residuals, log)
+def gross_rows(fit: Fit, log: DecisionLog = UNRECORDED, *, explained: bool = False) -> Mask:
+    """Mask (n,) of rows whose residual vector is longer than the noise, with the tails it has, ever makes one.
+
+    Parameters
+    ----------
+    explained : whether all that has a cause is in the fit: then rows that contaminate normal noise are outliers too.
+    """
+    gross = _gross(fit, fit.residuals, log, explained)
     if fit.readings is not None:
         names = observed(fit.survey.table)
         for label in fit.survey.observations:  # each has a noise of its own
             own = np.where(names == label, fit.readings.fitted, np.nan)
-            gross |= _gross(fit, own[:, None], log)
+            gross |= _gross(fit, own[:, None], log, explained)
     return gross
 
 
@@ -41,7 +56,7 @@ def masked_rows(fit: Fit, robust: Callable[[], Fit | None], log: DecisionLog = U
     return _gross(other, other.sorting.residuals, log)
 
 
-def _gross(fit: Fit, residuals: Array, log: DecisionLog) -> Mask:
+def _gross(fit: Fit, residuals: Array, log: DecisionLog, explained: bool = False) -> Mask:
     """The same of residuals (n, k), NaN where not measured: three coordinates, or one reading, of the same noise."""
     measured = np.isfinite(residuals).sum(axis=1)
     seen = measured > 0
@@ -49,7 +64,12 @@ def _gross(fit: Fit, residuals: Array, log: DecisionLog) -> Mask:
         return np.zeros(len(seen), dtype=bool)
     square = np.nansum(np.square(residuals), axis=1)[seen] / measured[seen]
     gross: Mask = np.zeros_like(seen)
-    farthest = _farthest(square, round(float(measured[seen].mean())))
+    components = round(float(measured[seen].mean()))
+    farthest = _farthest(square, components)
+    if explained and len(square) > FEWEST:
+        lead, edge = contaminated(square[:: len(square) // MOST_USED + 1], components)  # evenly over the survey
+        log.add("contaminated-noise", "found" if lead > CLEARLY else "passed", "rows", lead, CLEARLY)
+        farthest = min(farthest, edge) if lead > CLEARLY else farthest
     gross[seen] = square > farthest
     few = gross.sum() <= MOST * seen.sum()
     for row, far in zip(fit.survey.table["row"].to_numpy()[gross], square[gross[seen]], strict=True):
@@ -67,26 +87,18 @@ def _farthest(square: Array, components: int) -> float:
 
     The noise is a Student's: its size is that of the median, its tail the heaviest that suits the rows not far out.
     """
-    from scipy.special import betainc, betaincinv, betaln
+    from scipy.special import betainc
 
     k, middle = components, max(float(np.median(square)), 1e-18)
-
-    def quantile(free: Array, p: float | Array) -> Array:
-        """Of the ratio F of `k` and `free` degrees of freedom; `p` from above."""
-        share = betaincinv(free / 2, k / 2, p)
-        return np.asarray(free / k * (1 - share) / share)
-
     free = np.array(TAILS)
-    size = middle / quantile(free, 0.5)
+    size = middle / quantile_of_student(free, 0.5, k)
     gaussian = float(size[-1])
     least = GROSS**2 / k * gaussian
     near = square[square < least]
     x = np.maximum(near, 1e-12 * middle)[:, None] / size
-    density = (k / 2 - 1) * np.log(x) - (k + free) / 2 * np.log1p(k * x / free)
-    density += k / 2 * np.log(k / free) - betaln(k / 2, free / 2) - np.log(size)
     edge = least / size
     inside = np.log(betainc(k / 2, free / 2, k * edge / (k * edge + free)))
-    likelihood = density.sum(axis=0) - len(near) * inside
+    likelihood = (log_student(x, free, k) - np.log(size)).sum(axis=0) - len(near) * inside
     heaviest = int(np.argmax(likelihood > likelihood.max() - NEARLY))
-    tail = size[heaviest] * quantile(free[heaviest], CHANCE / len(square))
+    tail = size[heaviest] * quantile_of_student(free[heaviest], CHANCE / len(square), k)
     return max(least, float(tail))

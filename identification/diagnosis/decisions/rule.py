@@ -7,6 +7,7 @@ from typing import NamedTuple
 EVIDENCE = "log Bayes factor"
 DELTA = "share of delta chi-squared"
 ERRORS = "ratio of cross-validation errors"
+GAIN = "log likelihood ratio"
 RATIO = "ratio"
 SHARE = "share"
 COUNT = "number"

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from identification.diagnosis.decisions.rule import CHANCE, COUNT, DELTA, ERRORS, EVIDENCE, RATIO, SHARE, Rule
+from identification.diagnosis.decisions.rule import CHANCE, COUNT, DELTA, ERRORS, EVIDENCE, GAIN, RATIO, SHARE, Rule
 from identification.diagnosis.decisions.rule import decided as _decided
 from identification.diagnosis.decisions.rule import in_module as _in
 from identification.diagnosis.decisions.stages import (
@@ -51,7 +51,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _in("data_checks.duplicates_and_clock", "RESETS"),
         ),
         "first-approach": Rule(
-            DATA, "log likelihood ratio", "Of a direction of approach that nothing states the likelier sign is taken.",
+            DATA, GAIN, "Of a direction of approach that nothing states the likelier sign is taken.",
             _in("data_checks.first_approach", "CLEAR"),
         ),
         "nominal-misfit": Rule(
@@ -86,11 +86,13 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "gross-outlier": Rule(
             OUTLIERS, "um",
             "Rows whose residual is longer than the noise, with its tails, ever makes one are left out.",
-            _in("data_checks.outliers", "GROSS", "TAILS", "NEARLY", "CHANCE"),
+            _in("data_checks.outliers", "GROSS", "NEARLY", "CHANCE"),
+        ),
+        "contaminated-noise": Rule(
+            OUTLIERS, GAIN, "A few rows of wider noise are left out, heavy tails are not.", _decided("CLEARLY")
         ),
         "outlier-share": Rule(
-            OUTLIERS, SHARE, "Where more rows than this would be outliers, none is.",
-            _in("data_checks.outliers", "MOST")
+            OUTLIERS, SHARE, "Where more rows than this would be so, none is.", _in("data_checks.outliers", "MOST")
         ),
         "outliers-explained": Rule(
             OUTLIERS, COUNT, "Rows that the findings explain are no outliers, and the search begins again with them."
@@ -105,22 +107,20 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             NOISE, COUNT, "It is looked for only once there is evidence for no further candidate.", _in(_NOISE, "MOST")
         ),
         "line-of-sight": Rule(
-            NOISE, "log likelihood ratio", "Residuals like those of a line of sight weigh the rows, if they turn.",
+            NOISE, GAIN, "Residuals like those of a line of sight weigh the rows, if they turn.",
             _in(_NOISE, "CLEAR", "ORIGIN", "CLOSEST_MM"),
         ),
         "one-direction-instead": Rule(
-            NOISE, "log likelihood ratio",
-            "Noise that is larger along a line of sight than across it must clearly turn with it.",
+            NOISE, GAIN, "Noise that is larger along a line of sight than across it must clearly turn with it.",
             _decided("DECISIVE_ODDS"),
         ),
         "declared-station": Rule(
-            NOISE, "log likelihood ratio", "A declared station that fits better as a point of the machine is named.",
+            NOISE, GAIN, "A declared station that fits better as a point of the machine is named.",
             _in(_NOISE, "CLEAR"),
         ),
         # ---- candidates
         "rows-used": Rule(
-            PROPOSALS, COUNT, "Candidates are scored in no more rows than this.",
-            _in("linear.of_fit", "MOST_ROWS")
+            PROPOSALS, COUNT, "Candidates are scored in no more rows than this.", _in("linear.of_fit", "MOST_ROWS")
         ),
         "run-labels": Rule(
             PROPOSALS, COUNT, "A run drives candidates where there are few labels, each of enough rows.",
@@ -371,7 +371,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _decided("LEAST_P_VALUE"),
         ),
         "non-repeatable-motion": Rule(
-            VERDICT, "log likelihood ratio",
+            VERDICT, GAIN,
             "A motion that varies from row to row with its levers is unexplained.",
             _decided("DECISIVE_ODDS") + _in(_NOISE, "CLEAR", "FEWEST"),
         ),
