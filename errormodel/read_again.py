@@ -36,9 +36,10 @@ def read_again(position: Array, tool: Array, joint: int, series: Index) -> list[
     leads, leaves = step[:-1], step[1:]
     came = np.where(np.append(False, path.joined), leads, leaves)[place]
     on_line = np.where(begins.any(axis=1), begins[:, joint] != 0, came) & (counts > 1)
-    if not on_line.any():
+    first = on_line & (nth == 0)  # a line may begin with a later reading of its first target
+    if not first.any():
         return []
-    usual = int(np.bincount(counts[on_line & (nth == 0)]).argmax())
+    usual = int(np.bincount(counts[first]).argmax())
     seen = on_line & (counts == usual)
     odd = np.cumsum(seen & (nth == 0)) % 2 == 0
     orders = [nth >= k for k in range(1, usual)] + [nth % 2 == 1, np.isin(nth % 4, (1, 2))]

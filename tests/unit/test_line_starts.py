@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from errormodel.approach import starts_of_lines
@@ -82,3 +82,18 @@ def test_readings_from_the_other_side_are_among_the_usual_orders(order: str, nex
     assert len({again.tobytes() for again, _ in found}) == len(found)
     assert not read_again(path, tool, 1, run)  # it stands
     assert not read_again(path, np.arange(len(along))[:, None], 0, run)  # another tool makes another target
+
+
+@given(moves=st.lists(st.tuples(*[st.integers(-1, 1)] * 2, *[st.integers(0, 1)] * 2), min_size=1, max_size=20))
+@example(moves=[(-1, 0, 1, 0), (1, 0, 0, 0), (1, -1, 1, 0), (0, 0, 1, 0), (-1, 1, 0, 0), (0, 1, 0, 0)])
+def test_any_path_has_readings_again_or_none(moves: list[tuple[int, int, int, int]]) -> None:
+    """Whatever the path, the tools and the series: rows that are read again are among those of their targets.
+
+    In the example a line begins with the second reading of its first target.
+    """
+    table = np.array(moves, dtype=float)
+    path, tools, series = np.cumsum(table[:, :2], axis=0), table[:, 2:3], np.sort(table[:, 3].astype(int))
+    for joint in (0, 1):
+        for again, seen in read_again(path, tools, joint, series):
+            assert again.any()
+            assert not (again & ~seen).any()
