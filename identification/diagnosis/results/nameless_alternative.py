@@ -30,6 +30,7 @@ from identification.diagnosis.results.recorded_functions import (
     recorded,
     wandering,
 )
+from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import score_of
 from identification.diagnosis.search.criteria import base_channels, moves
 from identification.diagnosis.search.model import EffectModel, of_groups
@@ -160,7 +161,8 @@ def without_wanderers(model: EffectModel, log: DecisionLog) -> tuple[EffectModel
 
     What wanders resembles some temperature, warm-up or curve by chance, and goes another way later. What a temperature
     or a position drives changes in time as well, but takes many functions of the clock to describe. A finding that
-    has at least half of its evidence beside what wanders is another thing.
+    has at least half of its evidence beside what wanders is another thing: over all noises, of which correlated ones
+    wander too.
     """
     groups, kept, wanders, instead_of = model.findings, list[list[Step]](), list[Functions](), None
     for group in groups:
@@ -171,13 +173,19 @@ def without_wanderers(model: EffectModel, log: DecisionLog) -> tuple[EffectModel
         instead, _, best = best_of(without, wanders)
         lead, thermal = instead - evidence, base_channels(main) == {"temperature"}  # which resembles what wanders
         least = DETECT if thermal else max(DETECT, NEAR * evidence)  # no form is exact
-        if (out := lead > least) and evidence > 0:  # it may be there beside what wanders, and then keeps its evidence
-            further, _, _ = best_of(form, wanders)
-            out = further - lead < EVEN * evidence
+        if (out := lead > least) and best is not None:  # it may be there beside what wanders, and keep its evidence
+            [(_, own)] = coloured.evidence(without, [[s.effect for s in group]])
+            out = own <= 0 or _beside(without, form, best, wanders) + own < EVEN * own
         log.add("wanders-instead", "removed" if out else "kept", main, lead, least, beside=_words(best))
         kept += [] if out else [group]
         instead_of = best if out else instead_of
     return (model if len(kept) == len(groups) else of_groups(model.start, kept)), instead_of
+
+
+def _beside(without: LinearModel, form: LinearModel, best: Functions, wanders: Sequence[Functions]) -> float:
+    """Log evidence of what wanders beside a finding's `form`, less that without it, over all noises."""
+    _, _, further = best_of(form, wanders)
+    return (0.0 if further is None else evidence_in_any_noise(form, further)) - evidence_in_any_noise(without, best)
 
 
 def _of_any_size(linear: LinearModel, effects: Sequence[Effect]) -> tuple[float, LinearModel]:
