@@ -34,17 +34,20 @@ def test_mean_and_variance_are_those_of_the_mixture(models: list[tuple[float, fl
 
 def test_time_constants_and_other_effects_are_independent() -> None:
     """Their variances add, whatever their probabilities add up to."""
-    changes = {"tau": 0.3, "sensor": 0.4}
+    changes = {"tau": 0.3, "sensor": 0.4, "name": -0.1}
     others = [
         OtherEffect(0, {"tau": 60.0}, 0.6, {}),
         OtherEffect(0, {"sensor": "T_a", "tau": 60.0}, 0.7, {}),
+        OtherEffect(0, {"element": "bed", "sensor": "T_a"}, 0.6, {}, "structure-drift"),
         OtherEffect(1, {"tau": 9.0}, 0.5, {}),
     ]
 
     def predict(other: OtherEffect) -> np.ndarray:
-        return PREDICTED + changes["sensor" if "sensor" in other.options else "tau"]
+        return PREDICTED + changes["name" if other.name else "sensor" if "sensor" in other.options else "tau"]
 
     (out,) = with_other_effects(others, PREDICTED, predict)
-    assert out[0] == pytest.approx(1 + 0.7 * 0.4)  # the likeliest time constant is in the middle of the others
-    between = 0.6 * 0.3**2 + 0.7 * 0.3 * 0.4**2 + 0.5 * 0.3**2
+    assert out[0] == pytest.approx(
+        1 + 0.7 * 0.4 - 0.6 * 0.1
+    )  # the likeliest time constant is in the middle of the others
+    between = 0.6 * 0.3**2 + 0.7 * 0.3 * 0.4**2 + 0.6 * 0.4 * 0.1**2 + 0.5 * 0.3**2
     assert out[6] == pytest.approx(np.sqrt(0.001**2 + between))

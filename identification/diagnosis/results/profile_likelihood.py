@@ -48,7 +48,6 @@ def other_effects(final: Fit, model: EffectModel, first: int) -> tuple[OtherEffe
         if step.parent is not None or effect.random:  # a further lag corrects the form of a first one
             continue
         elsewhere = [(e, p) for s, p in explanations(step)[1:] if p > SELDOM and not (e := s.effect).empirical][:MOST]
-        own = 1.0 - sum(p for _, p in elsewhere)
         trials = list[tuple[dict[str, float | str], float]]()
         if names := _time_constants(effect, final):
             rise = _rise(final, model, step)
@@ -58,7 +57,7 @@ def other_effects(final: Fit, model: EffectModel, first: int) -> tuple[OtherEffe
         others = lags_left_open(final, model, step)
         by_others = min(sum(sensors_probability(others, effect).values()), 1.0)
         trials = [(options, (1 - by_others) * weight) for options, weight in trials] + others
-        same = [OtherEffect(first + number, options, own * weight, {}) for options, weight in trials]
+        same = [OtherEffect(first + number, options, weight, {}) for options, weight in trials]
         named = [OtherEffect(first + number, _fields(e), weight, {}, e.effect) for e, weight in elsewhere]
         for trial in (*same, *named):
             parameters = parameters_of(trial.machine(final.chain.machine), final, WIDEST)
