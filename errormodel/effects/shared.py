@@ -54,10 +54,12 @@ def joint_as(machine: Machine, name: str, kind: Literal["prismatic", "rotary"], 
 def warmth(channel: Channels, sensor: str, minus: str | None = None, tau: float = 0.0, initial: float = 0.0) -> Value:
     """Temperature of a sensor over 20 degC, or over the sensor `minus`, in K; both lagged by `tau` s (first order).
 
+    Of a record that is no temperature (``w_spindle``), over zero.
     What follows the sensor was `initial` K warmer than it in the first row, which fades; 0: in equilibrium with it.
     """
     here, there = (
-        channel(f"lag({s},{tau:.6g})" if tau else s) if s else REFERENCE_TEMPERATURE for s in (sensor, minus)
+        channel(f"lag({s},{tau:.6g})" if tau else s) if s else REFERENCE_TEMPERATURE * (not sensor.startswith("w_"))
+        for s in (sensor, minus)
     )
     return here - there + (initial * channel(f"initial({sensor},{tau:.6g})") if tau and initial else 0.0)
 

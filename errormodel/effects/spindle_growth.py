@@ -1,6 +1,7 @@
 """Spindle growth: thermal expansion of the spindle along the tool (ISO 230-3).
 
-Displacement in mm along the tool, per K; of a head also across it, and its tilt in rad.
+Displacement in mm along the tool, per K; of a head also across it, and its tilt in rad. Where no temperature shows how
+warm the spindle is, its speed or power does, behind a lag: per unit of that channel.
 """
 
 from __future__ import annotations
@@ -17,10 +18,19 @@ from errormodel.machine import Machine, Shape
 
 ASIDE = 2.3  # log prior odds, 10 to 1, against a spindle that grows across its axis; by judgement
 PARTS = ("spindle", "spindel", "headstock", "quill")  # a sensor that is named after one measures the spindle
+HEATS = frozenset({"spindle", "spindel", "rpm", "speed", "power", "load", "torque", "current", "n", "kw", "w", "pct"})
+GROWTH, TILT = 0.005, 5e-6  # usual: mm and rad per K
+PER_TURN = 6e-4  # K per rev/min: some 6 K at 10 000 rev/min
+
+
+def heats(name: str) -> bool:
+    """Whether a recorded channel is by its name the spindle's speed or power: ``w_spindle``, ``w_rpm_spindle``."""
+    words = {*name.lower().removeprefix("w_").split("_")}
+    return name.startswith("w_") and words <= HEATS and bool(words & {"spindle", "spindel", "rpm"})
 
 
 class SpindleGrowth(Effect):
-    """``growth * (temperature - 20)`` along the tool, mm/K; positive: outward.
+    """``growth * (temperature - 20)`` along the tool, mm/K; positive: outward. `sensor` may be the spindle's speed.
 
     `element` is the tool or the last member. `motion` replaces the direction of the tool, or with ``all`` a head moves
     and tilts in each of its motions; `tau` (s) is the lag behind the sensor, `initial` (K) how much warmer than it the
@@ -54,18 +64,19 @@ class SpindleGrowth(Effect):
 
         What moves across the spindle is seldom its growth, and what another sensor drives in all motions is seldom so.
         """
-        own = any(part in self.sensor.lower() for part in PARTS)
+        own = heats(self.sensor) or any(part in self.sensor.lower() for part in PARTS)
         aside = self.motion is not None and not (own and self.motion == "all")
         return super().cost(scene) + (0.0 if own else 4.0) + (ASIDE if aside else 0.0)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = warmth(channel, self.sensor, self.minus, self.tau, self.initial)
+        per, kelvin = (f"/{self.sensor}", PER_TURN) if self.sensor.startswith("w_") else ("/K", 1.0)
         if self.motion == "all":
             motions = TRANSLATIONS if self.element == TOOL else MOTIONS
-            return each_motion(self.element, motions, warm, (0.005, 5e-6), "/K")
+            return each_motion(self.element, motions, warm, (GROWTH * kelvin, TILT * kelvin), per)
         direction: Mapping[Motion, float] = outward(machine) if self.motion is None else {self.motion: 1.0}
         motion = {name: value * warm for name, value in direction.items()}
-        return [EffectTerm(self.element, "", "mm/K", motion, 0.005)]
+        return [EffectTerm(self.element, "", f"mm{per}", motion, GROWTH * kelvin)]
 
     def positive(self, machine: Machine) -> str:
         return outward_words(machine) if self.motion is None else ""
@@ -75,5 +86,6 @@ class SpindleGrowth(Effect):
         last = scene.machine.elements[-1]
         element = last.name if isinstance(last, Shape) and not any(last.rotation) else TOOL
         sideways = [m for m in TRANSLATIONS if m not in outward(scene.machine)]  # a head grows on one side of its guide
-        for sensor, motion, tau in product(scene.sensors, (None, *sideways, "all"), lags(scene)):
+        sensors = (*scene.sensors, *filter(heats, scene.witnesses))
+        for sensor, motion, tau in product(sensors, (None, *sideways, "all"), lags(scene)):
             yield cls.model_validate({"sensor": sensor, "element": element, "motion": motion, "tau": tau})

@@ -137,3 +137,18 @@ def test_slopes_of_polynomials(degree: int) -> None:
 def test_what_has_no_meaning_is_refused(word: str, options: dict[str, object], said: str) -> None:
     with pytest.raises((InputError, ValueError), match=said):
         made(word, **options)
+
+
+@pytest.mark.parametrize("motion", [None, "all"])
+def test_a_spindle_that_grows_by_its_speed(machine: Machine, survey: Survey, motion: str | None) -> None:
+    """No temperature shows how warm it is; its speed was recorded, in steps, and the heat follows it."""
+    speed = 1000.0 * np.repeat([0, 6, 2, 9, 0, 7, 12, 3], 40)
+    recorded = replace(survey, table=survey.table.drop(columns="T_bed").assign(w_spindle=speed))
+    options = {"element": "head", "sensor": "w_spindle", "tau": 900.0} | ({"motion": motion} if motion else {})
+    values = [2.5e-6] if motion is None else [1e-6, -1.5e-6, 2.5e-6, 1e-9, -2e-9, 1e-9]
+    shown = showing(recorded, machine, [(EffectSpec("spindle-growth", options), values)], 0.003)
+    (finding,) = diagnose(machine, shown).diagnosis.findings
+    assert (finding.effect, finding.driver) == ("spindle-growth", ["w_spindle"])
+    assert len(finding.motion) == (1 if motion is None else 6)
+    assert "lag of 1" in finding.statement  # min
+    assert " K " not in finding.statement

@@ -6,6 +6,7 @@ import pytest
 
 from errormodel.effects import make
 from errormodel.effects.search_space.survey_summary import Scene
+from errormodel.effects.spindle_growth import heats
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.diagnosis.linear.of_fit import set_up
@@ -32,3 +33,14 @@ def test_a_sensor_by_its_name(scene: Scene, sensor: str, own: bool) -> None:
     assert (along == named) == own
     assert along >= named
     assert across > along
+
+
+@pytest.mark.parametrize("name", ["w_spindle", "w_spindle_speed", "w_rpm", "w_Spindle_Power_kW"])
+def test_a_channel_that_heats_the_spindle(name: str) -> None:
+    assert heats(name)
+
+
+@pytest.mark.parametrize("name", ["T_spindle", "w_spindle_ea", "w_speed", "w_level_X", "w_current", "w_spindle_level"])
+def test_a_channel_that_does_not(name: str) -> None:
+    """A level on the spindle is a witness of its motion; a speed or a current may be of anything."""
+    assert not heats(name)

@@ -119,6 +119,8 @@ def causes(effects: Sequence[Effect]) -> str:
 def _initial(effect: Effect) -> str:
     """How far a member was from its sensor's temperature in the first row."""
     excess = float(getattr(effect, "initial", 0.0))
+    if excess and not str(getattr(effect, "sensor", "")).startswith("T_"):
+        return f", as if that had been {abs(excess):.4g} {'more' if excess > 0 else 'less'} before the first row"
     return f", {abs(excess):.2g} K {'warmer' if excess > 0 else 'colder'} than it in the first row" if excess else ""
 
 
