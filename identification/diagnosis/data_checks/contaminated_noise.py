@@ -46,8 +46,9 @@ def contaminated(square: Array, components: int) -> tuple[float, float]:
     The ratio, of both at their best; and the mean square from which the odds of a contaminated row are decisive.
     """
     k, free = components, np.array(TAILS)
-    square = np.maximum(square, 1e-12 * np.median(square))
-    sizes = np.median(square) / quantile_of_student(free, 0.5, k) * SIZES[:, None]  # (s, f)
+    middle = max(float(np.median(square)), 1e-18)
+    square = np.maximum(square, 1e-12 * middle)
+    sizes = middle / quantile_of_student(free, 0.5, k) * SIZES[:, None]  # (s, f)
     student = np.sum(log_student(square[:, None, None] / sizes, free, k) - np.log(sizes), axis=0).max()
     narrow = sizes[:, -1:]
     both = [_log_normal(square[:, None, None], size, k) for size in (narrow, narrow * WIDER)]

@@ -382,7 +382,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "wanders-instead": Rule(
             VERDICT, EVIDENCE,
             "A finding is left out if a motion that wanders has clearly more evidence, and leaves it less than half.",
-            _decided("DECISIVE_ODDS", "NEAR", "EVEN"),
+            _decided("DECISIVE_ODDS", "NEAR", "EVEN", "LEAST_EVIDENCE"),
         ),
         "wave-of-two-joints": Rule(
             VERDICT, CHANCE,

@@ -17,7 +17,15 @@ import numpy as np
 
 from errormodel.channels import root
 from errormodel.effects.base import Effect
-from identification.diagnosis.decisions.constants import CLEARLY, DEPARTURES, EVEN, MUCH, NAME_ODDS, NEAR
+from identification.diagnosis.decisions.constants import (
+    CLEARLY,
+    DEPARTURES,
+    EVEN,
+    LEAST_EVIDENCE,
+    MUCH,
+    NAME_ODDS,
+    NEAR,
+)
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.findings import Alternative, Finding, probabilities_of, probability_of
@@ -161,8 +169,8 @@ def without_wanderers(model: EffectModel, log: DecisionLog) -> tuple[EffectModel
 
     What wanders resembles some temperature, warm-up or curve by chance, and goes another way later. What a temperature
     or a position drives changes in time as well, but takes many functions of the clock to describe. A finding that
-    has at least half of its evidence beside what wanders is another thing: over all noises, of which correlated ones
-    wander too.
+    has at least half of its evidence beside what wanders is another thing; over all noises, where beside it nothing
+    wanders but these.
     """
     groups, kept, wanders, instead_of = model.findings, list[list[Step]](), list[Functions](), None
     for group in groups:
@@ -173,19 +181,29 @@ def without_wanderers(model: EffectModel, log: DecisionLog) -> tuple[EffectModel
         instead, _, best = best_of(without, wanders)
         lead, thermal = instead - evidence, base_channels(main) == {"temperature"}  # which resembles what wanders
         least = DETECT if thermal else max(DETECT, NEAR * evidence)  # no form is exact
-        if (out := lead > least) and best is not None:  # it may be there beside what wanders, and keep its evidence
-            [(_, own)] = coloured.evidence(without, [[s.effect for s in group]])
-            out = own <= 0 or _beside(without, form, best, wanders) + own < EVEN * own
+        if (out := lead > least) and evidence > 0:  # it may be there beside what wanders, and then keeps its evidence
+            further, _, beside = best_of(form, wanders)
+            out = further - lead < EVEN * evidence and not _only_noise(without, form, group, best, beside)
         log.add("wanders-instead", "removed" if out else "kept", main, lead, least, beside=_words(best))
         kept += [] if out else [group]
         instead_of = best if out else instead_of
     return (model if len(kept) == len(groups) else of_groups(model.start, kept)), instead_of
 
 
-def _beside(without: LinearModel, form: LinearModel, best: Functions, wanders: Sequence[Functions]) -> float:
-    """Log evidence of what wanders beside a finding's `form`, less that without it, over all noises."""
-    _, _, further = best_of(form, wanders)
-    return (0.0 if further is None else evidence_in_any_noise(form, further)) - evidence_in_any_noise(without, best)
+def _only_noise(
+    without: LinearModel, form: LinearModel, group: Sequence[Step], best: Functions | None, beside: Functions | None
+) -> bool:
+    """Whether a finding has at least half of its evidence beside what wanders over all noises, and these explain that.
+
+    Parameters
+    ----------
+    form : the model with the finding; `best` and `beside`: what wanders most without it and with it.
+    """
+    alone, further = (
+        0.0 if own is None else evidence_in_any_noise(linear, own) for linear, own in ((without, best), (form, beside))
+    )
+    [(_, own)] = coloured.evidence(without, [[s.effect for s in group]])
+    return further < LEAST_EVIDENCE and own + further - alone >= EVEN * own > 0
 
 
 def _of_any_size(linear: LinearModel, effects: Sequence[Effect]) -> tuple[float, LinearModel]:

@@ -41,7 +41,8 @@ class EffectModel:
     def log_posterior(self) -> float:
         """Log evidence of all effects together, under correlated noise, with the log prior of each.
 
-        A further sensor or lag of a name, which follows a slow course as well as a curve does, is clearly less likely.
+        A third sensor or lag of a name, and any further one, is clearly less likely: together they follow any slow
+        course, as a curve does. The air at once and a casting an hour later are two.
         """
         effects = [s.effect for s in self.steps]
         linear, total = self.start, 0.0
@@ -52,7 +53,8 @@ class EffectModel:
         if rest := sorted((e for e in effects if not e.random), key=lambda e: e.empirical):
             [(_, evidence)] = coloured.evidence(linear, [rest])
             total += evidence
-        further = sum(s.parent is not None and not s.effect.empirical for s in self.steps)
+        causes = [sum(not s.effect.empirical for s in more) for _, *more in self.findings]
+        further = sum(max(count - 1, 0) for count in causes)
         return total + sum(s.log_prior for s in self.steps) - CLEARLY * further
 
 
