@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.effects.base import Effect
+from errormodel.effects.base import SENSORS, Effect
 from identification.diagnosis.decisions.constants import CLEARLY
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
@@ -53,9 +53,14 @@ class EffectModel:
         if rest := sorted((e for e in effects if not e.random), key=lambda e: e.empirical):
             [(_, evidence)] = coloured.evidence(linear, [rest])
             total += evidence
-        causes = [sum(not s.effect.empirical for s in more) for _, *more in self.findings]
-        further = sum(max(count - 1, 0) for count in causes)
+        lags = [sum(_lagged(s.effect) for s in more) for _, *more in self.findings]
+        further = sum(max(count - 1, 0) for count in lags)
         return total + sum(s.log_prior for s in self.steps) - CLEARLY * further
+
+
+def _lagged(effect: Effect) -> bool:
+    """Whether a named effect follows a temperature, or time with a time constant."""
+    return not effect.empirical and any(getattr(effect, name, None) for name in (*SENSORS, "tau"))
 
 
 def replayed(start: LinearModel, steps: Sequence[Step]) -> EffectModel:
