@@ -27,9 +27,9 @@ def test_a_third_lag_is_clearly_less_likely(
     assert EffectModel(linear, linear, steps).log_posterior == pytest.approx(-times * CLEARLY)
 
 
-def test_further_motions_of_a_carriage_are_as_likely_as_any(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_further_terms_that_no_temperature_drives_are_as_likely_as_any(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(models.coloured, "evidence", lambda *_: [(0.0, 0.0)])
     linear: Any = SimpleNamespace()
-    bent = make(EffectSpec("higher-order-geometry", {"joint": "X", "motion": "dz", "every": 200.0}))
-    steps = tuple(Step(bent, 0.0, 0.0, 0.0, parent=0 if k else None) for k in range(4))
+    wave = make(EffectSpec("pitch-cyclic", {"joint": "X", "period": 10.0}))
+    steps = tuple(Step(wave, 0.0, 0.0, 0.0, parent=0 if k else None) for k in range(4))
     assert EffectModel(linear, linear, steps).log_posterior == pytest.approx(0.0)
