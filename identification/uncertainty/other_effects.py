@@ -96,7 +96,7 @@ def unrecorded(others: Iterable[OtherEffect], machine: Machine, table: pd.DataFr
 
 
 def with_other_effects(
-    others: Iterable[OtherEffect], predicted: Array, predict: Callable[[OtherEffect], Array]
+    others: Iterable[OtherEffect], predicted: Array, changed: Callable[[OtherEffect], Array]
 ) -> Array:
     """Predictions (n, 9) averaged over the models: their mean, and the variance between them in their uncertainty.
 
@@ -108,12 +108,13 @@ def with_other_effects(
 
     Parameters
     ----------
-    predicted : position, error and standard uncertainty, mm; `predict`: the same with another effect.
+    predicted : position, error and standard uncertainty, mm.
+    changed : how far positions (n, 3) with another effect are from those of the likeliest model, mm.
     """
     square = np.zeros_like(predicted[:, :3])
     mean = defaultdict[tuple[int, bool], Array](lambda: np.zeros_like(square))
     for other in others:
-        change = predict(other)[:, :3] - predicted[:, :3]
+        change = changed(other)
         if not other.of_time_constant:
             mean[other.effect, bool(other.name)] += other.weight * change
         square += other.weight * change**2

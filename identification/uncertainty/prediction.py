@@ -88,21 +88,22 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
 
     labels = _labels(fit, points)
     channels = _channels(fit, points)
-    out = _predict_rows(fit, channels, labels)
+    likeliest = _predict_rows(fit, channels, labels)
 
-    def with_effect(other: OtherEffect) -> Array:
+    def change(other: OtherEffect) -> Array:
         own = fit.with_effect(other)
-        return _predict_rows(own, _channels(own, points), labels)
+        return (_predict_rows(own, _channels(own, points), labels) - likeliest)[:, :3]
 
-    others = [other for other in fit.others if not other.missing(fit.chain.machine, points.table)]
-    out = with_other_effects(others, out, with_effect)
     recorded = fit.data.get("temperatures", {})
     out = with_unknown_temperatures(
-        fit.chain, recorded, points.table, channels, labels, out, partial(_predict_rows, fit)
+        fit.chain, recorded, points.table, channels, labels, likeliest, partial(_predict_rows, fit)
     )
     out = midway(fit.chain, points.table, channels, labels, out, partial(_predict_rows, fit))
     out = with_other_use(fit.chain, channels, labels, out, partial(_predict_rows, fit))
     out = perhaps_at_rest(fit.chain, points.table, channels, labels, out, partial(_predict_rows, fit))
+    # at last: what is above compares predictions of the likeliest model with each other
+    others = [other for other in fit.others if not other.missing(fit.chain.machine, points.table)]
+    out = with_other_effects(others, out, change)
     table = pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)
     if "joint" in points.table:
         table[[*MOTIONS, *MOTION_UNCERTAINTIES]] = _motions(fit, points, channels)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from errormodel.chain import Chain
 from errormodel.effects import make
 from errormodel.effects.base import NOT_SETTLED
 from errormodel.machine import EffectSpec
@@ -208,3 +209,19 @@ def test_another_effect_in_its_place(tmp_path: Path) -> None:
     between = 0.75 * 0.25 * np.square((other[XYZ] - own[XYZ]).to_numpy())
     assert np.square(out[UNCERTAINTY].to_numpy()) == pytest.approx(np.square(own[UNCERTAINTY].to_numpy()) + between)
     assert between.max() > 0
+
+
+def test_the_mean_of_models_where_the_side_is_unknown(tmp_path: Path) -> None:
+    """Both sides are of the likeliest model, and what others change is added to their middle, in full."""
+    done("simulate", MILL, 60, "--noise", 0.002, "--out", tmp_path / "s.csv")
+    effects = (EffectSpec("higher-order-geometry", WAVE), EffectSpec("backlash", {"joint": "X"}))
+    machine = replace(read_machine(MILL), effects=effects)
+    fit = fit_machine(machine, read_survey(tmp_path / "s.csv", machine))
+    trial = OtherEffect(0, {"joint": "X", "motion": "dz", "at": 0.0, "width": 100.0}, 0.25, {}, "local-defect")
+    values = fit.solution.named() | {n: 0.01 for n in Chain(trial.machine(machine)).ids if "local-defect" in n}
+    store.save(replace(fit, others=(replace(trial, parameters=values),)), tmp_path / "fit")
+    stored = store.load(tmp_path / "fit")
+    alone = replace(stored, others=())
+    points = replace(fit.survey, table=fit.survey.table.drop(columns="dir_X", errors="ignore").head(1))
+    out, own, other = (predicted(f, points) for f in (stored, alone, alone.with_effect(stored.others[0])))
+    assert out[XYZ].to_numpy() == pytest.approx((0.75 * own[XYZ] + 0.25 * other[XYZ]).to_numpy(), abs=1e-9)

@@ -19,10 +19,10 @@ def test_mean_and_variance_are_those_of_the_mixture(models: list[tuple[float, fl
         OtherEffect(0, {"sensor": f"T_{k}"}, weight, {"change": change}) for k, (weight, change) in enumerate(models)
     ]
 
-    def predict(other: OtherEffect) -> np.ndarray:
-        return PREDICTED + other.parameters["change"] * np.repeat([1.0, 1.0, 0.0], 3)
+    def changed(other: OtherEffect) -> np.ndarray:
+        return np.full((1, 3), other.parameters["change"])
 
-    (out,) = with_other_effects(others, PREDICTED, predict)
+    (out,) = with_other_effects(others, PREDICTED, changed)
     weights = np.array([1 - sum(w for w, _ in models), *(w for w, _ in models)])
     means = 1.0 + np.array([0.0, *(change for _, change in models)])
     mean = weights @ means
@@ -42,10 +42,10 @@ def test_time_constants_and_other_effects_are_independent() -> None:
         OtherEffect(1, {"tau": 9.0}, 0.5, {}),
     ]
 
-    def predict(other: OtherEffect) -> np.ndarray:
-        return PREDICTED + changes["name" if other.name else "sensor" if "sensor" in other.options else "tau"]
+    def changed(other: OtherEffect) -> np.ndarray:
+        return np.full((1, 3), changes["name" if other.name else "sensor" if "sensor" in other.options else "tau"])
 
-    (out,) = with_other_effects(others, PREDICTED, predict)
+    (out,) = with_other_effects(others, PREDICTED, changed)
     assert out[0] == pytest.approx(
         1 + 0.7 * 0.4 - 0.6 * 0.1
     )  # the likeliest time constant is in the middle of the others

@@ -25,7 +25,7 @@ GROSS = 10.0  # standard deviations of one component: Gaussian noise never gets 
 MOST = 0.15  # of the rows: more is not a handful of accidents; of all squares: one row that holds more is one
 NEARLY = 2.0  # log-likelihood by which a heavier tail may be less likely
 FEWEST = 50  # rows that show a distribution
-MOST_USED = 5000  # rows of which the distribution is taken: the time
+MOST_USED = 5000  # rows of which the distribution is taken: more take time
 CHANCE = 0.02  # rows of a survey that noise with such tails throws as far as what is called gross
 
 

@@ -26,6 +26,7 @@ from identification.diagnosis.decisions.stages import (
     WITNESSES,
 )
 
+_CONTAMINATED = "data_checks.contaminated_noise"
 _RUNS, _COLUMNS, _ROWS = "data_checks.runs_of_motions", "data_checks.columns", "data_checks.rows"
 _NOISE, _SENSORS = "search.instrument_noise", "data_checks.temperature_sensors"
 _SCORING, _FORWARD, _REFINED = "search.scoring", "search.forward_selection", "search.refinement"
@@ -84,12 +85,12 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         # ---- outliers
         "gross-outlier": Rule(
-            OUTLIERS, "um",
-            "Rows whose residual is longer than the noise, with its tails, ever makes one are left out.",
-            _in("data_checks.outliers", "GROSS", "NEARLY", "CHANCE"),
+            OUTLIERS, "um", "Rows whose residual is longer than the noise, with its tails, ever makes one, are out.",
+            _in("data_checks.outliers", "GROSS", "NEARLY", "CHANCE") + _in(_CONTAMINATED, "TAILS"),
         ),
         "contaminated-noise": Rule(
-            OUTLIERS, GAIN, "A few rows of wider noise are left out, heavy tails are not.", _decided("CLEARLY")
+            OUTLIERS, GAIN, "A few rows of wider noise are left out, heavy tails are not.",
+            _decided("CLEARLY", "DECISIVE_ODDS") + _in(_CONTAMINATED, "TAILS", "WIDER", "SHARES"),
         ),
         "outlier-share": Rule(
             OUTLIERS, SHARE, "Where more rows than this would be so, none is.", _in("data_checks.outliers", "MOST")
