@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, PositiveFloat
 from errormodel.conventions import REFERENCE_TEMPERATURE, Motion
 from errormodel.effects.families import FAMILIES, Traits
 from errormodel.effects.ops import Value
-from errormodel.machine import Joint, Machine
+from errormodel.machine import EffectSpec, Joint, Machine
 
 if TYPE_CHECKING:
     from errormodel.effects.search_space.survey_summary import Scene
@@ -229,6 +229,11 @@ class Effect(BaseModel, ABC):
     def cost(self, scene: Scene) -> float:
         """Natural logarithm of the prior odds against it in a survey: unusual physics needs stronger evidence."""
         return NOT_SETTLED if getattr(self, "initial", 0.0) else 0.0
+
+    @property
+    def spec(self) -> EffectSpec:
+        """The effect as an entry of ``effects:`` in ``machine.yaml``: its name, and its fields but for defaults."""
+        return EffectSpec(self.effect, self.model_dump(mode="json", exclude_defaults=True))
 
     def positive(self, machine: Machine) -> str:
         """Meaning of a positive parameter, where it is not a rise of the motion in the parameter's name; else ""."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.machine import EffectSpec, Machine
+from errormodel.machine import Machine
 from identification.bayes.marginal_posterior import Collapsed
 from identification.bayes.posterior import Posterior
 from identification.bayes.shape_parameters import ShapeInterpolation
@@ -25,7 +25,7 @@ def machine_at(machine: Machine, interpolations: Sequence[ShapeInterpolation], s
     specs, start = list(machine.effects), 0
     for shape in interpolations:
         effect = shape.effect_at(shapes[start : start + len(shape.names)])
-        specs[shape.number] = EffectSpec(effect.effect, effect.model_dump(exclude_defaults=True))
+        specs[shape.number] = effect.spec
         start += len(shape.names)
     return replace(machine, effects=tuple(specs))
 

@@ -147,7 +147,7 @@ def extended(fit: Fit, interpolations: Sequence[ShapeInterpolation]) -> Extended
         if number in by_number:
             shape = interpolations[by_number[number]]
             effect_at = [shape.effect_at(x) for x in shape.nodes]
-            same = [EffectSpec(e.effect, e.model_dump(exclude_defaults=True)) for e in effect_at]
+            same = [e.spec for e in effect_at]
         copies.append(range(len(specs), len(specs) + len(same)))
         specs += same
     problem = posed(fit, replace(machine, effects=tuple(specs)) if interpolations else machine)

@@ -9,7 +9,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
-from errormodel.machine import EffectSpec, Machine
+from errormodel.machine import Machine
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.first_approach import likelier_sides
 from identification.diagnosis.decisions.constants import NO_WORSE, SIZES
@@ -237,5 +237,4 @@ def _tried(
 
 
 def _extended(machine: Machine, effects: list[Effect]) -> Machine:
-    specs = tuple(EffectSpec(e.effect, e.model_dump(exclude_defaults=True)) for e in effects)
-    return replace(machine, effects=(*machine.effects, *specs))
+    return replace(machine, effects=(*machine.effects, *(e.spec for e in effects)))

@@ -11,7 +11,7 @@ import numpy as np
 from errormodel.chain import Chain
 from errormodel.effects import registry
 from errormodel.effects.base import axis_motion
-from errormodel.machine import EffectSpec, Machine
+from errormodel.machine import Machine
 from errormodel.survey import Survey
 from identification.diagnosis.decisions.constants import EVEN
 from identification.diagnosis.decisions.log import DecisionLog
@@ -26,7 +26,7 @@ from identification.estimation.fit import fit_machine
 def together(machine: Machine, survey: Survey, parts: Sequence[tuple[Carried, Diagnosed]]) -> Diagnosed:
     """What was found in each joint's displacements and rotations, and the whole survey fitted with it."""
     steps = [d.model.steps for _, d in parts]
-    specs = [EffectSpec(s.effect.effect, s.effect.model_dump(exclude_defaults=True)) for own in steps for s in own]
+    specs = [s.effect.spec for own in steps for s in own]
     before = fit_machine(machine, survey)
     final, first = before, len(machine.effects)
     if specs:

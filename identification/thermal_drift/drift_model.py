@@ -18,7 +18,7 @@ from errormodel.effects.shared import warmth
 from errormodel.effects.structure_drift import StructureDrift
 from errormodel.effects.travel import polynomials, scaled
 from errormodel.exceptions import InputError
-from errormodel.machine import EffectSpec, Machine, joint_of
+from errormodel.machine import Machine, joint_of
 from errormodel.simulation import measured_at
 from errormodel.survey import Survey
 from errormodel.truth import Truth
@@ -131,7 +131,7 @@ def thermal(machine: Machine, survey: Survey, progress: Progress = silent) -> Th
     with progress("Choosing temperatures and lags"):
         effects = _followed(machine, taken)
     with progress("Fitting the machine with them"):
-        specs = (EffectSpec(e.effect, e.model_dump(exclude_defaults=True)) for own in effects for e in own)
+        specs = (e.spec for own in effects for e in own)
         fit = fit_machine(replace(machine, effects=(*machine.effects, *specs)), _without_test_drifts(taken))
     with progress("Judging by the other cycle"):
         said = _by_model(fit, taken)

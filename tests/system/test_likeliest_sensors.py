@@ -81,3 +81,22 @@ def test_a_finding_is_judged_in_the_model_that_the_one_before_it_left(
     out = likeliest_sensors.with_likeliest_sensors(model, Candidates.of(linear, []))
     assert judged == [[True, True], [True, True]]
     assert [s.effect for s in out.steps] == [model.steps[0].effect, model.steps[2].effect]
+
+
+@pytest.mark.parametrize("initial", [-3.0, 3.0])
+def test_a_member_on_its_way_elsewhere_follows_its_sensor(initial: float) -> None:
+    """In equilibrium no lag fits where a member was much colder or warmer than its sensor at first."""
+    time = 20.0 * np.arange(ROWS)
+    rng = np.random.default_rng(7)
+    bed = 17.6 - 0.5 * np.sin(time / 1400) + 4.0 * (time / time.max()) ** 2
+    coolant = 23 + 1.5 * np.sin(time / 800) + 2 * time / time.max()
+    noisy = {"T_bed": bed, "T_coolant": coolant}
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, ROWS, 5, channels=False, grid=False)
+    table = survey.table.assign(time=time, **{n: v + rng.normal(0, 0.03, ROWS) for n, v in noisy.items()})
+    options = {"joint": "X", "sensor": "T_bed", "tau": 3000.0, "initial": initial}
+    shown = showing(replace(survey, table=table), machine, [(EffectSpec("scale-expansion", options), [2.5e-5])], 0.003)
+    (finding,) = diagnose(machine, shown).diagnosis.findings
+    assert (finding.effect, finding.where, finding.driver) == ("scale-expansion", "X", ["T_bed"])
+    (expansion,) = finding.parameters
+    assert expansion.value == pytest.approx(2.5e-5, abs=3 * expansion.std)

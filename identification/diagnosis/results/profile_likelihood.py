@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -58,16 +57,11 @@ def other_effects(final: Fit, model: EffectModel, first: int) -> tuple[OtherEffe
         by_others = min(sum(sensors_probability(others, effect).values()), 1.0)
         trials = [(options, (1 - by_others) * weight) for options, weight in trials] + others
         same = [OtherEffect(first + number, options, weight, {}) for options, weight in trials]
-        named = [OtherEffect(first + number, _fields(e), weight, {}, e.effect) for e, weight in elsewhere]
+        named = [OtherEffect(first + number, e.spec.options, weight, {}, e.effect) for e, weight in elsewhere]
         for trial in (*same, *named):
             parameters = parameters_of(trial.machine(final.chain.machine), final, WIDEST)
             out.append(replace(trial, parameters=parameters))
     return tuple(out)
-
-
-def _fields(effect: Effect) -> dict[str, Any]:
-    """Fields of an effect, as a file has them."""
-    return effect.model_dump(mode="json", exclude_defaults=True)
 
 
 def time_constants(final: Fit, model: EffectModel, step: Step) -> Iterator[Amount]:

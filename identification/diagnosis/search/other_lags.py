@@ -55,7 +55,7 @@ class Lags:
     def masses(self, rows: float = 1.0) -> Array:
         """Log probability, but for a factor, of each departure (d,) and at last of the steady state.
 
-        Without the latter where a departure was chosen, which is then among the others.
+        Without the latter where a departure was chosen, which is then among the others: equilibrium was refused.
 
         Parameters
         ----------
@@ -63,23 +63,21 @@ class Lags:
         """
         from scipy.special import logsumexp
 
-        step = np.gradient(np.log(self.taus)) if len(self.taus) > 1 else np.ones(1)
+        times = len(self.taus) > 1
+        step = np.gradient(np.log(self.taus)) / np.log(self.taus[-1] / self.taus[0]) if times else np.ones(1)
         evidence = rows * self.evidence - self.cost
         steady = logsumexp(evidence[len(self.initial) // 2], b=step)
         if len(self.initial) == 1:
             return np.array([steady])
         departing = logsumexp(evidence, axis=1, b=np.maximum(self.prior * step, NOTHING))
-        return np.asarray(departing if self.departed else np.append(departing, steady))
+        return np.asarray(departing if self.departed else np.append(departing, steady)) - np.log(2)
 
     @property
     def averaged(self) -> float:
         """Log evidence of the sensor, over all time constants and states."""
         from scipy.special import logsumexp
 
-        span = np.log(self.taus[-1] / self.taus[0]) if len(self.taus) > 1 else 1.0
-        return float(
-            logsumexp(self.masses()) - np.log(span) - (0.0 if self.departed or len(self.initial) == 1 else np.log(2))
-        )
+        return float(logsumexp(self.masses()))
 
     @property
     def departed(self) -> bool:

@@ -21,6 +21,7 @@ from identification.diagnosis.search.scoring import Step
 ROUNDED = 0.01  # log Bayes factor: round-off of scores from columns in single precision
 MOMENTS = 20  # places of a sudden change that are tried at a time
 MOST_TRIED = 60  # lags that did not begin in equilibrium
+FIRST_STATES = -0.7, -0.25, 0.25, 0.7  # of them the departures from which the best is sought, in changes of the sensor
 MAYBE = 0.5  # of the best evidence
 
 
@@ -155,29 +156,29 @@ def optimised(linear: LinearModel, proposal: Effect, family: Sequence[Effect], e
 def _not_settled(linear: LinearModel, step: Step, family: Sequence[Effect]) -> Step:
     """The step with a member that did not have its sensor's temperature in the first row, where that is likelier.
 
-    What follows at once has no initial state, and what fades more slowly than the lags that are tried is any drift. It
-    differs by no more than the sensor changes in the recording: what a sensor does not show has another cause.
+    Its lag may be any that is tried: in equilibrium another one, or none, may fit best. What fades more slowly is any
+    drift. It differs by no more than the sensor changes in the recording: beyond that it has another cause.
     """
     from scipy.optimize import minimize
 
-    effect, tau = step.effect, getattr(step.effect, "tau", None)
-    if not tau or "initial" not in type(effect).model_fields or effect.random or not linear.scene.duration:
+    effect = step.effect
+    taus = {tau for e in (effect, *family) if (tau := getattr(e, "tau", 0.0))}
+    if not taus or "initial" not in type(effect).model_fields or effect.random or not linear.scene.duration:
         return step
-    grid = [tau, *(v for e in family if (v := getattr(e, "tau", 0.0)))]
-    shortest, longest = float(np.log(min(grid))), float(np.log(max(grid)))
     swing = float(np.ptp(linear.channel(effect.drivers[0])))
+    logs = np.log(sorted(taus))
 
     def at(x: Array) -> Effect:
         values = {"tau": float(f"{np.exp(x[0]):.6g}"), "initial": float(f"{x[1] * swing:.4g}")}
         return effect.model_copy(update=values)
 
     def left(x: Array) -> float:
-        inside = shortest <= x[0] <= longest and abs(x[1]) <= 1
+        inside = logs[0] <= x[0] <= logs[-1] and abs(x[1]) <= 1
         return linear.square_with(at(x)) if inside else linear.square
 
-    middle = float(np.log(tau))
-    corners = np.array([[middle, 0.0], [max(middle - 0.5, shortest), 0.3], [max(middle - 0.5, shortest), -0.3]])
-    found = minimize(left, corners[0], method="Nelder-Mead", options={"initial_simplex": corners, "maxfev": MOST_TRIED})
+    first = min((np.array([tau, part]) for tau in logs for part in FIRST_STATES), key=left)
+    corners = first + np.array([[0.0, 0.0], [-0.5 if first[0] > logs[0] else 0.5, 0.0], [0.0, 0.2]])
+    found = minimize(left, first, method="Nelder-Mead", options={"initial_simplex": corners, "maxfev": MOST_TRIED})
     other = scored(linear, at(found.x), len(family))
     return other if other is not None and other.evidence > step.evidence else step
 
