@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue
 
 from errormodel.chain import Chain
 from errormodel.effects import make
@@ -96,7 +96,7 @@ class _SetUp(_Part):
 
 class _OtherEffect(_Part):
     effect: Annotated[int, Field(ge=0)]
-    options: dict[str, Number | str | bool | list[Number | str]]
+    options: dict[str, JsonValue]  # as the effect has them: `_check_other` makes it
     weight: Annotated[Number, Field(ge=0, le=1)]
     parameters: dict[str, Number]
     name: str = ""

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -40,7 +40,7 @@ class OtherEffect:
     """
 
     effect: int
-    options: Mapping[str, float | str]
+    options: Mapping[str, Any]
     weight: float
     parameters: Mapping[str, float]
     name: str = ""
