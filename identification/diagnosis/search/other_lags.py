@@ -70,7 +70,8 @@ class Lags:
         if len(self.initial) == 1:
             return np.array([steady])
         departing = logsumexp(evidence, axis=1, b=np.maximum(self.prior * step, NOTHING))
-        return np.asarray(departing if self.departed else np.append(departing, steady)) - np.log(2)
+        masses = departing if self.departed else np.append(departing, steady)
+        return np.asarray(masses - np.log(2))
 
     @property
     def averaged(self) -> float:
