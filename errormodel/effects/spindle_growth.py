@@ -6,6 +6,8 @@ warm the spindle is, its speed or power does, behind a lag: per unit of that cha
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import ClassVar, Literal
@@ -18,6 +20,9 @@ from errormodel.machine import Machine, Shape
 
 ASIDE = 2.3  # log prior odds, 10 to 1, against a spindle that grows across its axis; by judgement
 PARTS = ("spindle", "spindel", "headstock", "quill")  # a sensor that is named after one measures the spindle
+# log prior odds against growth by a sensor whose name says that it is elsewhere, or not where: one of some five members
+ELSEWHERE, SOMEWHERE = 4.0, math.log(5.0)
+WORD = re.compile(r"[^\W\d_]{3}")  # fewer letters beside each other are a number's: T_1, T_ch03
 HEATS = frozenset({"spindle", "spindel", "rpm", "speed", "power", "load", "torque", "current", "n", "kw", "w", "pct"})
 GROWTH, TILT = 0.005, 5e-6  # usual: mm and rad per K
 PER_TURN = 6e-4  # K per rev/min: some 6 K at 10 000 rev/min
@@ -65,8 +70,10 @@ class SpindleGrowth(Effect):
         What moves across the spindle is seldom its growth, and what another sensor drives in all motions is seldom so.
         """
         own = heats(self.sensor) or any(part in self.sensor.lower() for part in PARTS)
+        told = WORD.search(self.sensor.removeprefix("T_")) is not None
         aside = self.motion is not None and not (own and self.motion == "all")
-        return super().cost(scene) + (0.0 if own else 4.0) + (ASIDE if aside else 0.0)
+        place = 0.0 if own else ELSEWHERE if told else SOMEWHERE
+        return super().cost(scene) + place + (ASIDE if aside else 0.0)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = warmth(channel, self.sensor, self.minus, self.tau, self.initial)

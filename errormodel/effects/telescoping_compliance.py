@@ -70,7 +70,10 @@ class TelescopingCompliance(JointEffect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for joint in scene.prismatic:
-            loads = [None, *(j.name for j in scene.prismatic if j is not joint and parallel(j.axis, joint.axis))]
+            others = [j.name for j in scene.prismatic if j is not joint and parallel(j.axis, joint.axis)]
+            if not others:  # a member that slides in no other one is a ram
+                continue
+            loads = [None, *others]
             for motion, end, ratio, load in product(across(joint, "e"), TRAVEL_ENDS, (1.1, 1.3, 1.8), loads):
                 fields = {"motion": motion, "load_joint": load, "retracted": end, "overlap": ratio * length(joint)}
                 yield cls.model_validate({"joint": joint.name, **fields})

@@ -314,7 +314,7 @@ def _finding(
         heldout_rms_um=HeldOut(*(heldout_um(before, b) for b in (linear, model.linear))),
         absorbed=hidden,
         moved=_moved(before, model.start, columns[:, : len(linear.index)], values),
-        alternatives=with_places(others, main.effect, places),
+        alternatives=with_places(others, main, motions_of(main, linear), places),
         next_measurement=next_measurement(main, alike[0] if alike else None),
         size_um=whole.size_um,
         brief=brief_of(whole, machine),

@@ -24,7 +24,8 @@ ROUND_OFF = 1e-12  # of the size of the moves
 def align_measured_components(nominal: Array, measured: Array, weights: Array, largest: float) -> Pose:
     """Pose that maps nominal points onto measured ones as far as the measured components determine it.
 
-    Of a single component no rotation is estimated.
+    A single component (an interferometer, a switch, a straightness) has one direction. It is turned from the machine's
+    if then no more is left than errors of a machine can cause, since a mistake in a column would turn it as well.
 
     Parameters
     ----------
@@ -34,13 +35,14 @@ def align_measured_components(nominal: Array, measured: Array, weights: Array, l
     largest : misfit (mm) that errors of a machine can cause; with more, frames turned by right angles are tried too.
     """
     every = _Points(nominal, measured, weights)
-    if every.seen.any(axis=0).sum() < 2:  # a switch or a straightness: its direction is the machine's, or is stated
-        return Pose(np.eye(3), every.shift(np.eye(3)), np.eye(3))
     some = np.unique(np.linspace(0, len(nominal) - 1, MOST_POINTS).astype(int))
     some = some[np.isfinite(measured[some]).any(axis=1)]
     points = _Points(nominal[some], measured[some], weights[some])
     best = points.aligned(np.eye(3), largest)
-    if best[1] > largest:
+    if every.seen.any(axis=0).sum() < 2:
+        if best[1] > largest:
+            return Pose(np.eye(3), every.shift(np.eye(3)), np.eye(3))
+    elif best[1] > largest:
         others = (points.aligned(start, largest) for start in right_angles())
         best = min((best, *others), key=lambda found: found[1])
     rotation, _, undetermined = best

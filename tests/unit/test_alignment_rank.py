@@ -148,10 +148,33 @@ def test_two_sensors_about_one_point_determine_no_rotation() -> None:
     assert len(pose.undetermined) == 3
 
 
-def test_one_component_determines_no_rotation() -> None:
-    points = np.random.default_rng(0).uniform(-300, 300, (60, 3))
-    measured = np.column_stack([np.full((60, 2), np.nan), points[:, 2] + 5])
-    pose = align(points, measured)
+@given(st.integers(0, 2**32 - 1), st.floats(0, 1.2))
+@settings(max_examples=40)
+def test_one_component_has_a_direction(seed: int, angle: float) -> None:
+    """Of points in a volume all that it sees is right; about its own direction nothing turns."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-300, 300, (60, 3))
+    axis = rng.normal(size=3)
+    turned = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
+    measured = np.column_stack([np.full((60, 2), np.nan), turned.apply(points)[:, 2] + 5 + rng.normal(0, 1e-4, 60)])
+    pose = align(points, measured, largest=0.4)
+    others = rng.uniform(-300, 300, (60, 3))
+    assert pose.apply(others)[:, 2] == pytest.approx(turned.apply(others)[:, 2] + 5, abs=1e-3)
+    assert len(pose.undetermined) == 1
+
+
+def test_one_component_that_is_none_of_the_points_has_the_machines_direction() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-300, 300, (60, 3))
+    measured = np.column_stack([np.full((60, 2), np.nan), rng.uniform(-300, 300, 60)])
+    pose = align(points, measured, largest=0.4)
     assert np.array_equal(pose.rotation, np.eye(3))
-    assert pose.translation == pytest.approx([0, 0, 5])
+    assert len(pose.undetermined) == 3
+
+
+def test_one_component_along_its_own_line_has_the_machines_direction() -> None:
+    points = np.column_stack([np.zeros((60, 2)), np.linspace(0, 900, 60)])
+    measured = np.column_stack([np.full((60, 2), np.nan), 1.00002 * points[:, 2] + 5])
+    pose = align(points, measured, largest=0.4)
+    assert np.array_equal(pose.rotation, np.eye(3))
     assert len(pose.undetermined) == 3

@@ -6,6 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from errormodel.effects import make, registry
+from errormodel.machine import EffectSpec
 from identification.diagnosis.results.findings import Alternative
 from identification.diagnosis.results.places import place_probabilities, sentence_of_places, with_places
 
@@ -19,9 +21,18 @@ def test_places_share_one_probability(found: list[tuple[str, float]]) -> None:
     assert sum(places.values()) == pytest.approx(1)
     assert max(places.values()) == places["bed"]
     assert next(iter(places)) == "bed"
-    *own, sag = with_places(others, "warm-up", places)
+    warm = make(EffectSpec("warm-up", {"element": "bed", "motion": "dx", "tau": 900.0}))
+    *own, sag = with_places(others, warm, ["dx"], places)
     assert [a.place_probability for a in own] == [places[place] for place, _ in found]
     assert sag.place_probability is None
+
+
+@pytest.mark.parametrize("effect", ["scale-ppm", "refraction", "tracker-drift"])
+def test_an_instrument_is_the_measuring_frame(effect: str) -> None:
+    """Whoever looks for the effect at the instrument finds it there, as likely."""
+    (same,) = with_places([], make(EffectSpec(effect, registry()[effect].example)), ["dx"], {"frame": 1.0})
+    assert (same.effect, same.where, same.separable) == (effect, "instrument", False)
+    assert (same.log10_bayes_factor, same.place_probability, same.probability) == (0.0, 1.0, None)
 
 
 def test_what_is_said_of_places() -> None:

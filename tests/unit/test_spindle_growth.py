@@ -35,6 +35,15 @@ def test_a_sensor_by_its_name(scene: Scene, sensor: str, own: bool) -> None:
     assert across > along
 
 
+@pytest.mark.parametrize("sensor", ["T_3", "T_ch03", "T_b"])
+def test_a_sensor_whose_name_is_a_number(scene: Scene, sensor: str) -> None:
+    """It may be the spindle's, as one of all members: less likely than one that says so, likelier than the bed's."""
+    spindle, unknown, bed = (
+        make(EffectSpec("spindle-growth", {"sensor": name})).cost(scene) for name in ("T_spindle", sensor, "T_bed")
+    )
+    assert spindle < unknown < bed
+
+
 @pytest.mark.parametrize("name", ["w_spindle", "w_spindle_speed", "w_rpm", "w_Spindle_Power_kW"])
 def test_a_channel_that_heats_the_spindle(name: str) -> None:
     assert heats(name)

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from errormodel.conventions import FRAME, INSTRUMENT
+from errormodel.effects.base import Effect
 from identification.diagnosis.results.findings import Alternative
 from identification.diagnosis.results.other_sensors import WORTH_SAYING
 from identification.diagnosis.results.statements import PLACES
@@ -32,9 +34,23 @@ def place_probabilities(effect: str, where: str, others: Sequence[Alternative]) 
     return {place: weight / total for place, weight in weights.items()}
 
 
-def with_places(others: Sequence[Alternative], effect: str, probability: Mapping[str, float]) -> list[Alternative]:
-    """Alternatives, of which those that are the same effect elsewhere have the probability of their place."""
-    return [replace(a, place_probability=probability[a.where]) if a.effect == effect else a for a in others]
+def with_places(
+    others: Sequence[Alternative], main: Effect, motions: Sequence[str], probability: Mapping[str, float]
+) -> list[Alternative]:
+    """Alternatives, of which those that are the same effect elsewhere have the probability of their place.
+
+    An instrument's effect that moves the measuring frame is at the instrument: two words for one place.
+
+    Parameters
+    ----------
+    others, main, motions : alternatives, effect and motions of the finding.
+    """
+    name, place = main.effect, main.where
+    out = [replace(a, place_probability=probability[a.where]) if a.effect == name else a for a in others]
+    if place == FRAME and not main.traits().of_machine:
+        same = Alternative(name, INSTRUMENT, 0.0, False, [*motions], [*main.drivers])
+        out.append(replace(same, place_probability=probability[place]))
+    return out
 
 
 def sentence_of_places(probability: Mapping[str, float]) -> str:
