@@ -89,7 +89,8 @@ def read_pairs(path: Path, name: str) -> PairTable:
         found = f"no column '{missing[0]}'" if missing else "no rows"
         raise InputError(name, found, f"Write the columns {', '.join(PAIR_COLUMNS)}")
     numbers = [*PAIR_COLUMNS, *([START] if START in table else [])]
-    values = table[numbers].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
+    # as text: whole numbers too large for a float raise otherwise
+    values = table[numbers].astype(str).apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
     bad = ~np.isfinite(values).all(axis=1) | (values != np.rint(values)).any(axis=1) | (values[:, 1] > values[:, 2])
     if bad.any():
         row = int(bad.argmax())

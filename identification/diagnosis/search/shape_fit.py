@@ -180,7 +180,9 @@ def _not_settled(linear: LinearModel, step: Step, family: Sequence[Effect]) -> S
     corners = first + np.array([[0.0, 0.0], [-0.5 if first[0] > logs[0] else 0.5, 0.0], [0.0, 0.2]])
     found = minimize(left, first, method="Nelder-Mead", options={"initial_simplex": corners, "maxfev": MOST_TRIED})
     other = scored(linear, at(found.x), len(family))
-    return other if other is not None and other.evidence > step.evidence else step
+    # by what it fits itself, as a discrepancy counts for no detection
+    likelier = other is not None and other.evidence - other.evidence_of_form > step.evidence - step.evidence_of_form
+    return other if other is not None and likelier else step
 
 
 def moment_between(x: Array, below: float, above: float, value: float, left: Callable[[float], float]) -> float:
