@@ -184,6 +184,14 @@ def read_csv(path: Path, **options: Any) -> pd.DataFrame:
     return table
 
 
+def as_numbers(column: pd.Series) -> pd.Series:
+    """The cells of a column as numbers: NaN where one is none, infinite where it is too large for a float."""
+    import pandas as pd
+
+    texts = column.astype(str) if column.dtype == object else column  # Python's integers of any size raise
+    return pd.to_numeric(texts, errors="coerce")
+
+
 def write_parquet(frame: pd.DataFrame, path: Path | str) -> None:
     """Write a table without its index as Parquet; the same table gives the same bytes."""
     with replacing(path) as part:

@@ -70,9 +70,9 @@ class SpindleGrowth(Effect):
         What moves across the spindle is seldom its growth, and what another sensor drives in all motions is seldom so.
         """
         own = heats(self.sensor) or any(part in self.sensor.lower() for part in PARTS)
-        told = WORD.search(self.sensor.removeprefix("T_")) is not None
+        elsewhere = WORD.search(self.sensor.removeprefix("T_")) is not None  # it is named after something else
         aside = self.motion is not None and not (own and self.motion == "all")
-        place = 0.0 if own else ELSEWHERE if told else SOMEWHERE
+        place = 0.0 if own else ELSEWHERE if elsewhere else SOMEWHERE
         return super().cost(scene) + place + (ASIDE if aside else 0.0)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from errormodel.arrays import Index, Mask
 from errormodel.exceptions import InputError
-from errormodel.files import read_csv
+from errormodel.files import as_numbers, read_csv
 from errormodel.inputs import noted
 
 PAIR_COLUMNS = ("command", "first", "last")
@@ -78,8 +78,6 @@ def read_pairs(path: Path, name: str) -> PairTable:
     InputError
         It cannot be read, a column is missing, or a cell is no row number.
     """
-    import pandas as pd
-
     try:
         table = read_csv(noted(path))
     except (OSError, ValueError) as error:
@@ -89,8 +87,7 @@ def read_pairs(path: Path, name: str) -> PairTable:
         found = f"no column '{missing[0]}'" if missing else "no rows"
         raise InputError(name, found, f"Write the columns {', '.join(PAIR_COLUMNS)}")
     numbers = [*PAIR_COLUMNS, *([START] if START in table else [])]
-    # as text: whole numbers too large for a float raise otherwise
-    values = table[numbers].astype(str).apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
+    values = table[numbers].apply(as_numbers).to_numpy(dtype=np.float64)
     bad = ~np.isfinite(values).all(axis=1) | (values != np.rint(values)).any(axis=1) | (values[:, 1] > values[:, 2])
     if bad.any():
         row = int(bad.argmax())

@@ -18,7 +18,7 @@ from errormodel.arrays import Array, Mask
 from errormodel.chain import TOOL_CHANNELS
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
-from errormodel.files import read_csv, without_apostrophes
+from errormodel.files import as_numbers, read_csv, without_apostrophes
 from errormodel.inputs import noted
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Machine
@@ -66,11 +66,9 @@ def read_rows(folder: Path, machine: Machine) -> pd.DataFrame:
 
 def _check_numbers(table: pd.DataFrame, machine: Machine, path: Path) -> None:
     """Raise InputError at a command or residual that is no number, or one that no machine has."""
-    import pandas as pd
-
     commands = {*(j.name for j in machine.joints), *TOOL_CHANNELS}
     for name in [n for n in map(str, table) if n in commands or RESIDUAL.match(n)]:
-        numbers = pd.to_numeric(table[name], errors="coerce")
+        numbers = as_numbers(table[name])
         wrong = (numbers.isna() & table[name].notna()) | (numbers.abs() > LARGEST)
         if wrong.any():
             row = int(np.argmax(wrong))

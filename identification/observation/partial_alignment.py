@@ -39,10 +39,9 @@ def align_measured_components(nominal: Array, measured: Array, weights: Array, l
     some = some[np.isfinite(measured[some]).any(axis=1)]
     points = _Points(nominal[some], measured[some], weights[some])
     best = points.aligned(np.eye(3), largest)
-    if every.seen.any(axis=0).sum() < 2:
-        if best[1] > largest:
+    if best[1] > largest:
+        if every.seen.any(axis=0).sum() < 2:
             return Pose(np.eye(3), every.shift(np.eye(3)), np.eye(3))
-    elif best[1] > largest:
         others = (points.aligned(start, largest) for start in right_angles())
         best = min((best, *others), key=lambda found: found[1])
     rotation, _, undetermined = best

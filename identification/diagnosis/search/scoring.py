@@ -53,6 +53,11 @@ class Step:
     marginal: float = 0.0
 
     @property
+    def evidence_of_textbook(self) -> float:
+        """The part that its textbook form has by itself: a discrepancy counts for no detection and no first state."""
+        return self.evidence - self.evidence_of_form
+
+    @property
     def log_prior(self) -> float:
         """Of this effect at this place."""
         return -math.log(self.names * self.places)

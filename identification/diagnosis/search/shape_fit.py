@@ -147,7 +147,7 @@ def optimised(linear: LinearModel, proposal: Effect, family: Sequence[Effect], e
         if left(best) < left(value):
             effect = effect.model_copy(update={name: best})
     step = scored(linear, effect, len(family))
-    if step is None or evidence > step.evidence - step.evidence_of_form + np.log(len(family)) + ROUNDED:
+    if step is None or evidence > step.evidence_of_textbook + np.log(len(family)) + ROUNDED:
         # where the squares are least a size may be beyond what is usual
         step = scored(linear, proposal, len(family))
     return step and _not_settled(linear, step, family)
@@ -180,9 +180,7 @@ def _not_settled(linear: LinearModel, step: Step, family: Sequence[Effect]) -> S
     corners = first + np.array([[0.0, 0.0], [-0.5 if first[0] > logs[0] else 0.5, 0.0], [0.0, 0.2]])
     found = minimize(left, first, method="Nelder-Mead", options={"initial_simplex": corners, "maxfev": MOST_TRIED})
     other = scored(linear, at(found.x), len(family))
-    # by what it fits itself, as a discrepancy counts for no detection
-    likelier = other is not None and other.evidence - other.evidence_of_form > step.evidence - step.evidence_of_form
-    return other if other is not None and likelier else step
+    return other if other is not None and other.evidence_of_textbook > step.evidence_of_textbook else step
 
 
 def moment_between(x: Array, below: float, above: float, value: float, left: Callable[[float], float]) -> float:
