@@ -38,6 +38,7 @@ from identification.diagnosis.search.marginal_likelihood import Scored, free_sco
 from identification.diagnosis.search.proposals import proposed
 from identification.runtime.parallel import parallel_map
 
+TIE = 0.1  # log Bayes factor: a hundred times what scores from columns in single precision are rounded by
 AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
 T = TypeVar("T")
 MANY, PARTS = 1000, 4  # proposals beyond which columns are made in parallel, in so many parts
@@ -306,7 +307,11 @@ class Scores:
         return replace(self, expected_delta_chi2=self.expected_delta_chi2 * noise)
 
     def by_key(self) -> list[tuple[float, int]]:
-        """(evidence of the key with its shapes integrated out, its best proposal), best first."""
+        """(evidence of the key with its shapes integrated out, its best proposal), best first.
+
+        What differs by no more than `TIE` comes in the order of the proposals, the last first (a member before the
+        measuring frame): how scores are rounded decides nothing.
+        """
         lists = list(self.candidates.of_key.values())
         if not lists:
             return []
@@ -318,8 +323,9 @@ class Scores:
         above = np.repeat(np.where(finite, most, 0.0), counts)
         share = np.add.reduceat(np.exp(values - above), first) / counts
         mean = above[first] + np.log(np.where(finite, share, 1.0))
-        best = np.minimum.reduceat(np.where(values == above, np.arange(len(values)), len(values)), first)
-        return sorted(zip(mean[finite].tolist(), numbers[best[finite]].tolist(), strict=True), reverse=True)
+        best = np.minimum.reduceat(np.where(values >= above - TIE, np.arange(len(values)), len(values)), first)
+        ranked = zip(mean[finite].tolist(), numbers[best[finite]].tolist(), strict=True)
+        return sorted(ranked, key=lambda own: (round(own[0] / TIE), own[1]), reverse=True)
 
     def ranking(self) -> list[Ranked]:
         """The keys whose evidence outweighs how many there are, best first."""

@@ -14,7 +14,7 @@ from identification.diagnosis.decisions.constants import CLEARLY
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.blocks import NOTHING
-from identification.diagnosis.search.scoring import Step
+from identification.diagnosis.search.scoring import DECIMALS, Step
 
 ROUNDED = 1e-12  # of a column's length squared
 
@@ -55,7 +55,7 @@ class EffectModel:
             total += evidence
         lags = [sum(_lagged(s.effect) for s in more) for _, *more in self.findings]
         further = sum(max(count - 1, 0) for count in lags)
-        return total + sum(s.log_prior for s in self.steps) - CLEARLY * further
+        return round(total + sum(s.log_prior for s in self.steps) - CLEARLY * further, DECIMALS)
 
 
 def _lagged(effect: Effect) -> bool:

@@ -152,7 +152,8 @@ def _alternatives(model: EffectModel, log: DecisionLog) -> Iterator[tuple[Step, 
 def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog) -> Iterator[list[Step]]:
     """Starting points in which the refinements of a finding are a second cause.
 
-    The second cause is the best named effect at another place or by another driver, or a refinement made a finding.
+    The second cause is the best named effect at another place or by another driver, or a refinement made a finding;
+    or both are other effects of the joint.
     """
     groups = model.findings
     for main, *more in groups:
@@ -174,12 +175,44 @@ def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog)
             log.add("second-cause", "examined", second.effect, second.evidence, LEAST_EVIDENCE, beside=main.effect)
             first = _named(main, model.start, [*others, second], candidates) if main.effect.empirical else main
             yield [*others, first, second]
+        for s in much:  # of which the finding may be what is left
+            if _by_another_name(main.effect, s.effect) and s.effect.key not in begun:
+                begun.add(s.effect.key)
+                log.add("second-cause", "examined", s.effect, s.evidence, LEAST_EVIDENCE, beside=main.effect)
+                yield [*others, replace(s, parent=None)]
+        if both := _two_of_one_joint(model.start, main.effect, others, candidates):
+            log.add("second-cause", "examined", both[-1].effect, both[-1].evidence, beside=both[-2].effect)
+            yield both
+
+
+def _two_of_one_joint(start: LinearModel, main: Effect, others: Sequence[Step], candidates: Candidates) -> list[Step]:
+    """The others and the likeliest two names of the joint and drivers of an effect: each may hide in the other."""
+    own = [e for e in candidates.effects if e.where == main.where and set(e.drivers) == set(main.drivers)]
+    listed = Candidates.of(start, [e for e in own if not e.empirical])
+    pairs = [
+        [*others, first, second]
+        for first in _best_of_names(replayed(start, others).linear, listed)
+        for second in _best_of_names(replayed(start, [*others, first]).linear, listed)
+        if second.effect.effect != first.effect.effect and second.evidence > LEAST_EVIDENCE
+    ]
+    return max(pairs, key=lambda steps: replayed(start, steps).log_posterior, default=[])
+
+
+def _best_of_names(linear: LinearModel, candidates: Candidates) -> list[Step]:
+    """The likeliest step of each name."""
+    best: dict[str, Step] = {}
+    for step in sorted(optimise_shapes(linear, candidates, MOST_EXAMINED), key=lambda s: -s.evidence):
+        best.setdefault(step.effect.effect, step)
+    return list(best.values())
 
 
 def _another_cause(one: Effect, other: Effect) -> bool:
     """Whether an effect is named physics of another cause; a flexible curve is not."""
-    named = not (other.empirical or other.flexible) and other.effect != one.effect
-    return named and not one_sensor(one, other)
+    return _by_another_name(one, other) and not other.flexible and not one_sensor(one, other)
+
+
+def _by_another_name(one: Effect, other: Effect) -> bool:
+    return not other.empirical and other.effect != one.effect
 
 
 def _named(main: Step, start: LinearModel, others: Sequence[Step], candidates: Candidates) -> Step:

@@ -7,6 +7,7 @@ from itertools import islice
 
 import numpy as np
 
+from errormodel.channels import POINT_CHANNELS
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.exceptions import InputError
@@ -32,6 +33,8 @@ def proposed(linear: LinearModel) -> list[Effect]:
     """
     scene = linear.scene
     every = (e for kind in registry().values() for e in kind.proposals(scene) if scene.shows(e.where))
+    if not scene.moving:  # positions that were read where the machine was stopped are the error, and no cause of it
+        every = (e for e in every if not {*POINT_CHANNELS} & {*e.drivers})
     most = LARGEST // (OWN + ROW * _fewest_rows(linear))
     out = list(islice(every, most + 1))
     if len(out) > most:

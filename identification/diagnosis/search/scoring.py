@@ -15,6 +15,7 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 
 DETECT = math.log(DECISIVE_ODDS)
+DECIMALS = 4  # of a log Bayes factor: effects that do the same have the same one, however a processor rounds
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,8 @@ def posterior(step: Step) -> float:
 def evidence_in_any_noise(linear: LinearModel, steps: Sequence[Step]) -> list[float]:
     """Log Bayes factor of each step under correlated noise; the discrepancy's part shrinks in proportion."""
     both = coloured.evidence(linear, [[s.effect] for s in steps])
-    return [s.evidence * max(averaged, 0.0) / max(white, 1.0) for s, (white, averaged) in zip(steps, both, strict=True)]
+    pairs = zip(steps, both, strict=True)
+    return [round(s.evidence * max(averaged, 0.0) / max(white, 1.0), DECIMALS) for s, (white, averaged) in pairs]
 
 
 def accepted(linear: LinearModel, step: Step, log: DecisionLog = UNRECORDED) -> bool:

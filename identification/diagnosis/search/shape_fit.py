@@ -16,7 +16,7 @@ from identification.diagnosis.search.blocks import NOTHING
 from identification.diagnosis.search.candidates import Candidates, Scores, score_of
 from identification.diagnosis.search.criteria import log_likelihood_gain, log_likelihood_gains
 from identification.diagnosis.search.refinement import discrepancy
-from identification.diagnosis.search.scoring import Step
+from identification.diagnosis.search.scoring import DECIMALS, Step
 
 ROUNDED = 0.01  # log Bayes factor: round-off of scores from columns in single precision
 MOMENTS = 20  # places of a sudden change that are tried at a time
@@ -173,12 +173,12 @@ def _not_settled(linear: LinearModel, step: Step, family: Sequence[Effect]) -> S
         return effect.model_copy(update=values)
 
     def left(x: Array) -> float:
-        inside = logs[0] <= x[0] <= logs[-1] and abs(x[1]) <= 1
-        return linear.square_with(at(x)) if inside else linear.square
+        return linear.square_with(at(x))
 
     first = min((np.array([tau, part]) for tau in logs for part in FIRST_STATES), key=left)
     corners = first + np.array([[0.0, 0.0], [-0.5 if first[0] > logs[0] else 0.5, 0.0], [0.0, 0.2]])
-    found = minimize(left, first, method="Nelder-Mead", options={"initial_simplex": corners, "maxfev": MOST_TRIED})
+    options = {"initial_simplex": corners, "maxfev": MOST_TRIED}
+    found = minimize(left, first, method="Nelder-Mead", bounds=[(logs[0], logs[-1]), (-1, 1)], options=options)
     other = scored(linear, at(found.x), len(family))
     return other if other is not None and other.evidence_of_textbook > step.evidence_of_textbook else step
 
@@ -210,7 +210,8 @@ def _of_likeliest_size(linear: LinearModel, proposal: Effect, shapes: int) -> St
     effect = proposal.model_copy(update={"size": float(f"{np.sqrt(ratio * noise):.3g}")})
     gained = random.freedom * (1 - noise * random.freedom / random.square)
     count = len(linear.columns(proposal)[1])
-    return Step(effect, evidence - effect.cost(linear.scene) - float(np.log(shapes)), gained, random.absorbed, count)
+    evidence = round(evidence - effect.cost(linear.scene) - float(np.log(shapes)), DECIMALS)
+    return Step(effect, evidence, gained, random.absorbed, count)
 
 
 def scored(
@@ -231,7 +232,7 @@ def scored(
     of_form, delta_of_form = discrepancy(linear, effect)
     return Step(
         effect,
-        evidence + of_form - float(np.log(shapes)),
+        round(evidence + of_form - float(np.log(shapes)), DECIMALS),
         delta_chi2 + delta_of_form,
         absorbed,
         len(linear.columns(effect)[1]),
