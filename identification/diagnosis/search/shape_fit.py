@@ -177,8 +177,13 @@ def _not_settled(linear: LinearModel, step: Step, family: Sequence[Effect]) -> S
 
     first = min((np.array([tau, part]) for tau in logs for part in FIRST_STATES), key=left)
     corners = first + np.array([[0.0, 0.0], [-0.5 if first[0] > logs[0] else 0.5, 0.0], [0.0, 0.2]])
-    options = {"initial_simplex": corners, "maxfev": MOST_TRIED}
-    found = minimize(left, first, method="Nelder-Mead", bounds=[(logs[0], logs[-1]), (-1, 1)], options=options)
+    found = minimize(
+        left,
+        first,
+        method="Nelder-Mead",
+        bounds=[(float(logs[0]), float(logs[-1])), (-1.0, 1.0)],
+        options={"initial_simplex": corners, "maxfev": MOST_TRIED},
+    )
     other = scored(linear, at(found.x), len(family))
     return other if other is not None and other.evidence_of_textbook > step.evidence_of_textbook else step
 
