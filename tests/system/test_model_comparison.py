@@ -12,16 +12,18 @@ from errormodel.effects import make
 from errormodel.effects.unnamed import Unnamed, switch
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
+from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.findings import probability_of
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.conditional_evidence import conditional_scores
 from identification.diagnosis.search.forward_selection import forward_select, reselect
-from identification.diagnosis.search.model import replayed
+from identification.diagnosis.search.model import EffectModel, replayed
 from identification.diagnosis.search.model_comparison import compare_alternatives, empirical_evidence
 from identification.diagnosis.search.refinement import refined
 from identification.diagnosis.search.scoring import Step
+from identification.diagnosis.search.shape_fit import optimise_shapes, scored
 from identification.estimation.fit import fit_machine
 from tests.helpers.diagnosed import empty_survey, showing
 
@@ -149,6 +151,33 @@ def test_two_names_before_a_form_that_does_for_both() -> None:
     told = compare_alternatives(model, candidates)
     assert {main.effect.effect for main, *_ in told.findings} == {"backlash", "servo-lag"}
     assert empirical_evidence(told) == 0
+
+
+def test_two_effects_of_one_joint_hide_in_each_other() -> None:
+    """A table along a carriage that meets a knee: one after the other, each is taken for a form of the first."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=False, grid=False)
+    low, high = machine.joints[0].travel
+    name = machine.joints[0].name
+    table = EffectSpec("compensation-active", {"joint": name, "points": 6})
+    knee = EffectSpec("contact-knee", {"joint": name, "motion": "dz", "at": low + 0.4 * (high - low)})
+    effects = [(table, [0.012, 0.014, -0.006, 0.006]), (knee, [0.2])]
+    linear = set_up(fit_machine(machine, showing(survey, machine, effects, 0.003)))
+    told = compare_alternatives(*told_by_one(linear, name))
+    assert {(main.effect.effect, main.effect.where) for main, *_ in told.findings} == {
+        ("compensation-active", name),
+        ("contact-knee", name),
+    }
+
+
+def told_by_one(linear: LinearModel, joint: str) -> tuple[EffectModel, Candidates]:
+    """A model in which one finding of a joint, by a name that it has not, has all others of the joint for its form."""
+    candidates = Candidates.of(linear)
+    wrong = make(EffectSpec("higher-order-geometry", {"joint": joint, "motion": "dz"}))
+    first = replace(scored(linear, wrong, 1) or Step(wrong, 0.0, 0.0, 0.0), names=40, places=10)
+    rest = [s for s in optimise_shapes(linear.with_effect(wrong), candidates, 12) if s.effect.where == joint]
+    taken = replayed(linear, [first, *(replace(s, parent=0) for s in rest[:2])])
+    return conditional_scores(taken, candidates), candidates
 
 
 @pytest.mark.parametrize(("shift", "sensor", "parent"), [(0.001, "T_1", 0), (0.01, "T_1", None), (0.01, "T_0", 0)])
