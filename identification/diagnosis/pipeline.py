@@ -20,6 +20,7 @@ from identification.diagnosis.courses import with_courses
 from identification.diagnosis.data_checks.approach_direction import contrary_sides
 from identification.diagnosis.data_checks.blunder import Blunder, listed, misses
 from identification.diagnosis.data_checks.checks import MOST_BLUNDERS, find_blunders, without
+from identification.diagnosis.data_checks.gate import refuse_another_machine
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
 from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
 from identification.diagnosis.data_checks.outliers import gross_rows, masked_rows
@@ -148,6 +149,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
             refuse_turned_head(mended)
             refuse_foreign_orientations(survey, mended.problem.views)
             refuse_unstated_rotation(mended)
+            refuse_another_machine(mended, tried=True)
         noise_checked = bool(survey.motions_of) and not read  # by the registration that they come from
         sound, fit, bad = _without_outliers(machine, survey, mended, log, 0 if noise_checked else 3)
     changes = [change for b in blunders for change in b.changes]

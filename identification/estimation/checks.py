@@ -245,10 +245,11 @@ def another(chain: Chain, nominal: Spread) -> bool:
     return bool(nominal.n) and 1e-3 * nominal.rms_um > FOREIGN_MACHINE_SHARE * chain.size
 
 
-def far_off(nominal: Spread) -> str:
-    """Message to the user: the misfit, and mistakes that cause such a misfit."""
+def far_off(nominal: Spread, *, tried: bool = False) -> str:
+    """Message to the user: the misfit, and mistakes that cause such a misfit, which were `tried` or may be."""
+    known = "usual ones alone do not put it right" if tried else "`errormodel diagnose` tries these"
     return (
         f"What was measured lies {1e-3 * nominal.rms_um:.3g} mm rms beside the nominal machine, further than errors of "
         "a machine go: look for a wrong unit (degrees or radians), sign, column, tool or machine; "
-        f"`errormodel diagnose` tries these. {ONLY_SERIAL}"
+        f"{known}. {ONLY_SERIAL}"
     )

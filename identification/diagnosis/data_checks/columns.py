@@ -31,6 +31,7 @@ FIRST = 8  # of two mistakes, one is among so many that fit best alone
 SAMPLE = 150  # rows tell as much as all
 DEGREE = float(np.degrees(1.0))
 UNITS = (25.4, 1 / 25.4, 1e3, 1e-3)  # inch, and metre or micrometre
+DIAMETER = 2.0, 0.5  # of a turned part for its radius, or the other way round
 
 Changes = tuple[AxisBlunder, ...]
 
@@ -127,7 +128,7 @@ def _least(tries: list[tuple[float, Changes]]) -> float:
 def single_changes(machine: Machine) -> Iterator[Changes]:
     """One column's sign or unit, or two that are swapped; those of joints first."""
     for joint in machine.joints:
-        for factor in (-1.0, *UNITS, DEGREE, 1 / DEGREE):
+        for factor in (-1.0, *UNITS, DEGREE, 1 / DEGREE, *(DIAMETER if joint.type == "prismatic" else ())):
             yield (AxisBlunder(column=joint.name, factor=factor),)
     for one, other in combinations(machine.joints, 2):
         # as they were read, each in its own unit

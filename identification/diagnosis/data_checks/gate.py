@@ -73,9 +73,19 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
     if not nominal.n or 1e-3 * nominal.max_um < MACHINE_ERROR_SHARE * fit.chain.size:
         return fit
     examine(machine, survey, robust)
-    if _whole(survey) and another(fit.chain, nominal) and not _known_by(fit):
-        raise InputError(str(survey.source), "this is not the machine that was measured", far_off(nominal))
+    refuse_another_machine(fit)
     return fit
+
+
+def refuse_another_machine(fit: Fit, *, tried: bool = False) -> None:
+    """InputError where what was measured lies further beside the nominal machine than errors that a machine has.
+
+    Parameters
+    ----------
+    tried : whether mistakes in columns and rows would have been put right before.
+    """
+    if _whole(fit.survey) and another(fit.chain, fit.nominal) and not _known_by(fit):
+        raise InputError(str(fit.survey.source), "this is not the machine that was measured", far_off(fit.nominal, tried=tried))
 
 
 def _refuse_copies(chain: Chain, survey: Survey) -> None:
