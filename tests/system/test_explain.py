@@ -17,6 +17,7 @@ from errormodel.machine_library import library
 from identification import diagnose, explain
 from identification.diagnosis.decisions.fates import FOUND, NAMELESS, History
 from identification.diagnosis.decisions.log import DecisionLog
+from identification.diagnosis.search.candidates import TIE
 from tests.helpers.commands import MILL, Done, done, fitted_mill, run
 from tests.helpers.interferometer import MILL as SMALL_MILL
 from tests.helpers.interferometer import positioning, written
@@ -162,7 +163,7 @@ def test_every_candidate_is_scored_in_the_first_round(gantry: Path) -> None:
     first = table[(table["rule"] == "candidate-score") & (table["round"] == 0)]
     strong = [(r.effect.effect, r.effect.where, " ".join(r.effect.drivers)) for r in result.diagnosed.ranking]
     assert set(strong) <= set(zip(first["effect"], first["where"], first["driver"], strict=True))
-    assert first["value"].is_monotonic_decreasing
+    assert first["value"].diff().max() <= TIE  # what is alike comes in the order of the proposals
     assert result.explain("beam-sag@X").summary() + "\n" == said(gantry, "beam-sag@X")
 
 
