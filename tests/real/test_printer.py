@@ -13,8 +13,9 @@ from errormodel.survey import read_survey
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.diagnosed import Diagnosed
 
-# held out: 7.1 (what depends on the time: 10.1) and 2.2, 6.4 where a finding named again lost all refinements
-LARGEST_UM = {"a": 13.0, "b": 3.0}
+# held out: 14.2 (9.4 without the first thirty rows, before which no other rows show how it warms; 8.6 where these are
+# called outliers, which a recording's beginning is not) and 2.5, 6.4 where a finding named again lost all refinements
+LARGEST_UM = {"a": 15.0, "b": 3.0}
 
 
 @cache

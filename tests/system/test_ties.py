@@ -3,32 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from errormodel.channels import POINT_CHANNELS
 from errormodel.machine_file import read_machine
-from errormodel.survey import read_survey
 from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.proposals import proposed
 from identification.estimation.fit import fit_machine
 from tests.helpers.diagnosed import empty_survey
-
-HOMED = """\
-errormodel: 1
-name: an axis that is homed against a switch again and again
-units: {length: mm, angle: deg}
-chain:
-  - {shape: frame, offset: [0, 0, 0]}
-  - {joint: Z, type: prismatic, axis: z, travel: [-250, 250]}
-tool: [0, 0, 0]
-errors:
-  shapes: {frame: [dz]}
-  joints: {Z: none}
-"""
 
 
 def test_effects_alike_come_in_the_same_order_however_scores_are_rounded() -> None:
@@ -48,19 +32,6 @@ def test_effects_alike_come_in_the_same_order_however_scores_are_rounded() -> No
     for _ in range(20):  # as kernels of linear algebra differ, in single precision
         rounded = replace(scores, evidence=scores.evidence * (1 + rng.normal(0, 3e-6, len(scores.evidence))))
         assert [n for _, n in rounded.by_key()][:8] == ranked
-
-
-def test_a_motion_alone_is_not_also_all_motions(tmp_path: Path) -> None:
-    """Of an axis that is homed against a switch on it, one motion of its six shows."""
-    (tmp_path / "machine.yaml").write_text(HOMED)
-    machine = read_machine(tmp_path)
-    time = 8.0 * np.arange(120)
-    read = -7.5 - 0.3 * (1 - np.exp(-time / 400)) + np.random.default_rng(1).normal(0, 0.002, len(time))
-    table = pd.DataFrame({"Z": read, "mz": 0.0, "time": time, "T_bed": 85 - 60 * np.exp(-time / 300)})
-    table.to_csv(tmp_path / "homing.csv", index=False)
-    linear = set_up(fit_machine(machine, read_survey(tmp_path / "homing.csv", machine)))
-    drifts = [e for e in Candidates.of(linear).effects if e.effect == "structure-drift" and e.where == "Z"]
-    assert {getattr(e, "motion", "") for e in drifts} == {"dz"}
 
 
 def test_positions_read_where_the_machine_was_stopped_are_no_cause() -> None:

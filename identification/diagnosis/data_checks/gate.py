@@ -85,7 +85,9 @@ def refuse_another_machine(fit: Fit, *, tried: bool = False) -> None:
     tried : whether mistakes in columns and rows would have been put right before.
     """
     if _whole(fit.survey) and another(fit.chain, fit.nominal) and not _known_by(fit):
-        raise InputError(str(fit.survey.source), "this is not the machine that was measured", far_off(fit.nominal, tried=tried))
+        raise InputError(
+            str(fit.survey.source), "this is not the machine that was measured", far_off(fit.nominal, tried=tried)
+        )
 
 
 def _refuse_copies(chain: Chain, survey: Survey) -> None:

@@ -87,18 +87,10 @@ class Candidates:
         return cls(every, blocks, [e.key for e in every])._that_move()
 
     def _that_move(self) -> Candidates:
-        """Without proposals that move nothing in these rows, or are not defined in some.
-
-        Also without those of several motions of which the rows show one, where that one is proposed by itself.
-        """
-        shown, single = np.zeros(len(self.effects), dtype=int), np.zeros(len(self.effects), dtype=bool)
+        """Without proposals that move nothing in these rows, or are not defined in some."""
+        kept = np.zeros(len(self.effects), dtype=bool)
         for block in self.blocks:
-            shown[block.numbers] = np.sum(block.square > NOTHING, axis=1)
-            single[block.numbers] = block.square.shape[1] == 1
-        kept = shown > 0
-        for own in map(np.array, self.of_key.values()):
-            if (single & kept)[own].any():
-                kept[own] &= single[own] | (shown[own] > 1)
+            kept[block.numbers] = block.square.max(axis=1) > NOTHING
         return self.part(kept)
 
     def part(self, kept: Mask) -> Candidates:

@@ -80,7 +80,8 @@ def discrepancy(linear: LinearModel, effect: Effect) -> tuple[float, float]:
     own, values = linear.estimates([effect])
     columns = np.array(further)
     norms = np.linalg.norm(columns, axis=1)
-    columns = columns[norms > 0] / norms[norms > 0, None] / np.sqrt(len(norms))
+    seen = norms > 0
+    columns = columns[seen] / norms[seen, None] / np.sqrt(seen.sum())  # what no row shows takes nothing from the others
     random = linear.with_effect(effect).random(columns)
     size = float(np.linalg.norm(own.T @ values))
     if not len(random.values) or not size:
