@@ -115,6 +115,8 @@ def find_groups(
     Groups
         Base columns, coefficients of the groups, and parameters without effect.
     """
+    from scipy.linalg import svd
+
     floors = floors or Floors()
     norms = np.linalg.norm(design, axis=0)
     active = norms > max(1e-12, floors.lever) * scale
@@ -127,7 +129,8 @@ def find_groups(
     singular = np.linalg.svd(unit, compute_uv=False)
     # weakly observable columns stay independent, but are chosen last as base columns, and dropped below the noise
     strength = norms[order] / np.maximum(scale[order], norms[order])
-    _, sizes, directions = np.linalg.svd(unit * strength, full_matrices=False)
+    # of columns of such unlike lengths NumPy's algorithm (gesdd) does not always converge; this one is slower
+    _, sizes, directions = svd(unit * strength, full_matrices=False, lapack_driver="gesvd")
     rank = min(int((singular > least).sum()), int((sizes > floors.direction).sum()))
     chosen = _first_independent(sizes[:rank, None] * directions[:rank], strength)
     # a_dependent = A_base K, column by column
