@@ -115,8 +115,6 @@ def find_groups(
     Groups
         Base columns, coefficients of the groups, and parameters without effect.
     """
-    from scipy.linalg import svd
-
     floors = floors or Floors()
     norms = np.linalg.norm(design, axis=0)
     active = norms > max(1e-12, floors.lever) * scale
@@ -129,8 +127,7 @@ def find_groups(
     singular = np.linalg.svd(unit, compute_uv=False)
     # weakly observable columns stay independent, but are chosen last as base columns, and dropped below the noise
     strength = norms[order] / np.maximum(scale[order], norms[order])
-    # of columns of such unlike lengths NumPy's algorithm (gesdd) does not always converge; this one is slower
-    _, sizes, directions = svd(unit * strength, full_matrices=False, lapack_driver="gesvd")
+    sizes, directions = _singular(unit * strength)
     rank = min(int((singular > least).sum()), int((sizes > floors.direction).sum()))
     chosen = _first_independent(sizes[:rank, None] * directions[:rank], strength)
     # a_dependent = A_base K, column by column
@@ -149,6 +146,17 @@ def find_groups(
     kept = (np.abs(mix) * strength)[mix != 0]
     margin = Floors(min(sizes[:rank].min(initial=np.inf), kept.min(initial=np.inf)), float(strength.min()))
     return Groups(tuple(ids), base, coefficients, no_effect, singular, margin)
+
+
+def _singular(matrix: Array) -> tuple[Array, Array]:
+    """Singular values and right singular vectors; of columns of very unlike lengths gesdd does not always converge."""
+    try:
+        return np.linalg.svd(matrix, full_matrices=False)[1:]
+    except np.linalg.LinAlgError:
+        from scipy.linalg import svd
+
+        _, sizes, directions = svd(matrix, full_matrices=False, lapack_driver="gesvd")
+        return sizes, directions
 
 
 def _first_independent(seen: Array, strength: Array) -> list[int]:
