@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 Table = TypeVar("Table", "pd.DataFrame", dict[str, Array])
 
+DIAMETER = 2.0, 0.5  # times: radii that should be diameters of a turned part, and the other way round
+
 
 class AxisBlunder(Effect):
     """Correct value of a column: ``factor * column + offset`` (mm or rad).
@@ -85,7 +87,7 @@ class AxisBlunder(Effect):
             return f"column {self.column} has another zero than the machine's dimensions, {missing} must be added"
         if self.factor == -1:
             return f"the sign of column {self.column} is wrong"
-        if self.factor in (2.0, 0.5):
+        if self.factor in DIAMETER:
             one, other = ("diameters", "radii") if self.factor == 0.5 else ("radii", "diameters")
             return f"column {self.column} has {one} for {other}: it must be multiplied by {self.factor:g}"
         return f"column {self.column} is in another unit: it must be multiplied by {self.factor:.6g}"

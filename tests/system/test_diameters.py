@@ -27,12 +27,12 @@ def with_scaled(factor: float) -> Survey:
 
 def test_a_program_that_wrote_diameters_is_put_right() -> None:
     machine = read_machine("vertical_three_axis")
-    told = diagnose(machine, with_scaled(2.0)).diagnosis
-    (found,) = told.findings
+    diagnosis = diagnose(machine, with_scaled(2.0)).diagnosis
+    (found,) = diagnosis.findings
     assert (found.effect, found.where, found.driver) == ("axis-blunder", "X", [])
     assert "olumn X has diameters for radii: it must be multiplied by 0.5 in rows 61 to 130" in found.statement
     assert found.rows == list(range(61, 131))
-    assert told.verdict == "explained"
+    assert diagnosis.verdict == "explained"
 
 
 def test_what_no_mistake_explains_is_not_called_physics() -> None:

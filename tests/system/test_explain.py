@@ -163,7 +163,7 @@ def test_every_candidate_is_scored_in_the_first_round(gantry: Path) -> None:
     first = table[(table["rule"] == "candidate-score") & (table["round"] == 0)]
     strong = [(r.effect.effect, r.effect.where, " ".join(r.effect.drivers)) for r in result.diagnosed.ranking]
     assert set(strong) <= set(zip(first["effect"], first["where"], first["driver"], strict=True))
-    assert first["value"].diff().max() <= TIE  # what is alike comes in the order of the proposals
+    assert first["value"].diff().max() <= TIE  # what is alike has a fixed order
     assert result.explain("beam-sag@X").summary() + "\n" == said(gantry, "beam-sag@X")
 
 

@@ -163,14 +163,14 @@ def test_two_effects_of_one_joint_hide_in_each_other() -> None:
     knee = EffectSpec("contact-knee", {"joint": name, "motion": "dz", "at": low + 0.4 * (high - low)})
     effects = [(table, [0.012, 0.014, -0.006, 0.006]), (knee, [0.2])]
     linear = set_up(fit_machine(machine, showing(survey, machine, effects, 0.003)))
-    told = compare_alternatives(*told_by_one(linear, name))
-    assert {(main.effect.effect, main.effect.where) for main, *_ in told.findings} == {
+    compared = compare_alternatives(*mistaken_model(linear, name))
+    assert {(main.effect.effect, main.effect.where) for main, *_ in compared.findings} == {
         ("compensation-active", name),
         ("contact-knee", name),
     }
 
 
-def told_by_one(linear: LinearModel, joint: str) -> tuple[EffectModel, Candidates]:
+def mistaken_model(linear: LinearModel, joint: str) -> tuple[EffectModel, Candidates]:
     """A model in which one finding of a joint, by a name that it has not, has all others of the joint for its form."""
     candidates = Candidates.of(linear)
     wrong = make(EffectSpec("higher-order-geometry", {"joint": joint, "motion": "dz"}))

@@ -14,7 +14,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
-from errormodel.effects.axis_blunder import AxisBlunder, Table
+from errormodel.effects.axis_blunder import DIAMETER, AxisBlunder, Table
 from errormodel.machine import Joint, Machine
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS
@@ -31,7 +31,6 @@ FIRST = 8  # of two mistakes, one is among so many that fit best alone
 SAMPLE = 150  # rows tell as much as all
 DEGREE = float(np.degrees(1.0))
 UNITS = (25.4, 1 / 25.4, 1e3, 1e-3)  # inch, and metre or micrometre
-DIAMETER = 2.0, 0.5  # of a turned part for its radius, or the other way round
 
 Changes = tuple[AxisBlunder, ...]
 

@@ -38,7 +38,9 @@ from identification.diagnosis.search.marginal_likelihood import Scored, free_sco
 from identification.diagnosis.search.proposals import proposed
 from identification.runtime.parallel import parallel_map
 
-TIE = 0.1  # log Bayes factor: a hundred times what scores from columns in single precision are rounded by
+# log Bayes factor, by judgement: nobody would mention less. Kernels of linear algebra differ by a hundredth of it
+# at the beginning of a search, and by as much where nearly all is explained (single precision, a real recording)
+TIE = 0.1
 AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
 T = TypeVar("T")
 MANY, PARTS = 1000, 4  # proposals beyond which columns are made in parallel, in so many parts
@@ -309,8 +311,8 @@ class Scores:
     def by_key(self) -> list[tuple[float, int]]:
         """(evidence of the key with its shapes integrated out, its best proposal), best first.
 
-        What differs by no more than `TIE` comes in the order of the proposals, the last first (a member before the
-        measuring frame): how scores are rounded decides nothing.
+        What differs by no more than `TIE` has a fixed order: of the shapes of a key the first proposal is its best, and
+        of keys the one that is proposed last comes first. How scores are rounded then does not choose.
         """
         lists = list(self.candidates.of_key.values())
         if not lists:

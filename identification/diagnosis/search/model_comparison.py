@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import islice
 
 import numpy as np
 
@@ -135,11 +134,8 @@ def _alternatives(model: EffectModel, log: DecisionLog) -> Iterator[tuple[Step, 
         others = steps_of(g for g in groups if g[0] is not main)
         linear = model.without([main, *refinements])
         least = main.marginal - max(LEAST_EVIDENCE, NEAR * main.marginal if refinements else 0.0)
-        best: dict[str, Step] = {}  # of each name
-        for step in sorted(main.alternatives, key=lambda a: -a.evidence):
-            if not step.effect.empirical and step.effect.effect != main.effect.effect and step.evidence >= least:
-                best.setdefault(step.effect.effect, step)
-        for alternative in islice(best.values(), MOST_ALTERNATIVES):
+        able = [s for s in main.alternatives if _by_another_name(main.effect, s.effect) and s.evidence >= least]
+        for alternative in _best_of_names(able)[:MOST_ALTERNATIVES]:
             own = score_of(linear, alternative.effect)
             assert own is not None  # it was scored before
             _, gained, absorbed = own
@@ -189,19 +185,23 @@ def _two_of_one_joint(start: LinearModel, main: Effect, others: Sequence[Step], 
     """The others and the likeliest two names of the joint and drivers of an effect: each may hide in the other."""
     own = [e for e in candidates.effects if e.where == main.where and set(e.drivers) == set(main.drivers)]
     listed = Candidates.of(start, [e for e in own if not e.empirical])
+
+    def likely(beside: Sequence[Step]) -> list[Step]:
+        return _best_of_names(optimise_shapes(replayed(start, beside).linear, listed, MOST_EXAMINED))
+
     pairs = [
         [*others, first, second]
-        for first in _best_of_names(replayed(start, others).linear, listed)
-        for second in _best_of_names(replayed(start, [*others, first]).linear, listed)
+        for first in likely(others)
+        for second in likely([*others, first])
         if second.effect.effect != first.effect.effect and second.evidence > LEAST_EVIDENCE
     ]
     return max(pairs, key=lambda steps: replayed(start, steps).log_posterior, default=[])
 
 
-def _best_of_names(linear: LinearModel, candidates: Candidates) -> list[Step]:
-    """The likeliest step of each name."""
+def _best_of_names(steps: Iterable[Step]) -> list[Step]:
+    """The step with most evidence of each name, best first."""
     best: dict[str, Step] = {}
-    for step in sorted(optimise_shapes(linear, candidates, MOST_EXAMINED), key=lambda s: -s.evidence):
+    for step in sorted(steps, key=lambda s: -s.evidence):
         best.setdefault(step.effect.effect, step)
     return list(best.values())
 
@@ -212,6 +212,7 @@ def _another_cause(one: Effect, other: Effect) -> bool:
 
 
 def _by_another_name(one: Effect, other: Effect) -> bool:
+    """Whether an effect is named physics by another name than a finding's."""
     return not other.empirical and other.effect != one.effect
 
 
