@@ -218,6 +218,7 @@ def test_a_rule_can_be_left_out(rule: str) -> None:
         assert getattr(import_module(module), name) is before
 
 
+@pytest.mark.long
 def test_a_selection_of_the_cases(tmp_path: Path) -> None:
     """One test, in processes of its own: what counts are shares over many cases, not single ones."""
     names = (*EMPTY, *NAMED, *OTHER)

@@ -8,8 +8,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from identification.diagnosis.pipeline import diagnose
 from tests.helpers.arm import CURVES, arm, recorded
+
+pytestmark = pytest.mark.long
 
 
 def test_a_joints_curve_comes_back(ur10: Path) -> None:

@@ -130,6 +130,7 @@ def thinned(ur10: Path, every: int) -> tuple[Machine, Survey]:
     return machine, replace(survey, table=survey.table.iloc[::every].reset_index(drop=True))
 
 
+@pytest.mark.long
 def test_what_is_left_over_is_a_curve_of_each_joints_own_angle(ur10: Path) -> None:
     found = diagnose(*thinned(ur10, 10))
     curves = {f.where: f for f in found.diagnosis.findings if f.effect == "higher-order-geometry"}

@@ -60,6 +60,7 @@ def _page(folder: Path, name: str) -> str:
     return (folder / name).read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 def test_pages_of_reference_have_all(tmp_path: Path) -> None:
     code = "import sys; sys.path.insert(0, 'docs'); import generate, pathlib; generate.write(pathlib.Path(sys.argv[1]))"
     subprocess.run([sys.executable, "-c", code, str(tmp_path)], cwd=ROOT, check=True)

@@ -135,6 +135,7 @@ def test_a_redundant_chain_of_twelve_joints(tmp_path: Path) -> None:
     assert len(data["parameters"]) < 11 * 6 + 6 * 4 + 6 * 6 + 6  # type: ignore[arg-type]  # groups, not parameters
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="a limit of memory that is kept")
 def test_thirty_joints_in_two_gigabytes(tmp_path: Path) -> None:
     """What grows as 2 to the number of joints (corners of the travels, nodes of a lattice) is bounded or refused."""

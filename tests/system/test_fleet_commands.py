@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from identification import fleet
 from identification.plots.fleet import draw_matrix
@@ -14,6 +15,7 @@ from tests.helpers.commands import MILL, done, write
 from tests.helpers.fleets import fleet_of, mill_fleet
 
 
+@pytest.mark.long
 def test_diagnose_says_what_types_have_in_common(tmp_path: Path) -> None:
     """The mill of the README, with play of X: in all machines of one type, and in one machine of another."""
     from dataclasses import replace

@@ -10,6 +10,7 @@ import pytest
 from tests.helpers.interpreter import Interpreter, interpreter
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[2] / "notebooks").glob("*.py"))
+LONG = ("03_missing_physics", "04_paper_profiler_gantry")  # a minute and half a minute
 PROGRAM = "import runpy, sys; sys.argv = [{0!r}]; runpy.run_path({0!r}, run_name='__main__')"
 AFTERWARDS = "from matplotlib import pyplot; pyplot.close('all')"
 
@@ -21,7 +22,10 @@ def reader() -> Iterator[Interpreter]:
         yield started
 
 
-@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda notebook: notebook.stem)
+@pytest.mark.parametrize(
+    "notebook",
+    [pytest.param(n, id=n.stem, marks=[pytest.mark.long] if n.stem in LONG else []) for n in NOTEBOOKS],
+)
 def test_notebook_runs(notebook: Path, reader: Interpreter, tmp_path: Path) -> None:
     reader.python(PROGRAM.format(str(notebook)), tmp_path)
     reader.python(AFTERWARDS, tmp_path)
