@@ -18,7 +18,9 @@ class Backlash(JointEffect):
 
     effect: ClassVar[str] = "backlash"
     family: ClassVar[str] = "reversal"
-    source: ClassVar[str] = "ISO 230-2 reversal value; 0 to 50 um on machine tools"
+    source: ClassVar[str] = (
+        "ISO 230-2 reversal value; 0 to 50 um on machine tools; worm tables 10 to 60, geared arms 60 to 300 arcsec"
+    )
     alike: ClassVar[tuple[str, ...]] = ("lost-motion", "hysteresis", "servo-lag")
     separate: ClassVar[str] = "approach the same positions from both sides at two feeds, along the whole travel"
     example: ClassVar[Mapping[str, object]] = {"joint": "X"}
@@ -40,7 +42,7 @@ class Backlash(JointEffect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_of(machine, self.joint)
-        unit, size = ("mm", 0.02) if joint.type == "prismatic" else ("rad", 5e-5)
+        unit, size = ("mm", 0.02) if joint.type == "prismatic" else ("rad", 1e-4)
         return [EffectTerm(self.joint, "", unit, along(joint, channel(f"dir_{self.joint}") / 2), size)]
 
     @classmethod

@@ -48,7 +48,7 @@ class Hysteresis(JointEffect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_of(machine, self.joint)
-        unit, size = ("mm", 0.02) if joint.type == "prismatic" else ("rad", 5e-5)
+        unit, size = ("mm", 0.02) if joint.type == "prismatic" else ("rad", 1e-4)
         left = channel(self.joint) - channel(f"play({self.joint},{self.width:.6g})")
         return [EffectTerm(self.joint, "", unit, along(joint, left / self.width), size)]
 

@@ -40,7 +40,7 @@ class LostMotion(JointEffect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_of(machine, self.joint)
-        unit, size = ("mm", 0.02) if joint.type == "prismatic" else ("rad", 5e-5)
+        unit, size = ("mm", 0.02) if joint.type == "prismatic" else ("rad", 1e-4)
         side = channel(f"dir_{self.joint}") / 2
         return [
             EffectTerm(self.joint, "growth", unit, along(joint, side * fraction(joint, channel(self.joint))), size),

@@ -80,7 +80,7 @@ class PayloadSag(Effect):
         return [self._term(label, load * shape, motion) for label, shape in shapes.items()]
 
     def _term(self, label: str, value: Value, motion: Motion) -> EffectTerm:
-        size = 5e-4 if motion in TRANSLATIONS else 1e-6
+        size = 1e-3 if motion in TRANSLATIONS else 2e-6  # between machine tools and arms
         return EffectTerm(self.where, label, f"{unit_of(motion)}/kg", {motion: value}, size)
 
     @classmethod

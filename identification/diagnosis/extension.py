@@ -12,7 +12,7 @@ from errormodel.effects.base import Effect
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.first_approach import likelier_sides
-from identification.diagnosis.decisions.constants import NO_WORSE, SIZES
+from identification.diagnosis.decisions.constants import NO_WORSE
 from identification.diagnosis.decisions.log import DecisionLog, ratio
 from identification.diagnosis.jumps import jumps_instead
 from identification.diagnosis.linear.of_fit import LEAST_RUN, MOST_ROWS, set_up, unused_runs
@@ -42,9 +42,9 @@ from identification.estimation.result import Fit
 from identification.runtime.memory import give_back
 from identification.runtime.progress import Progress
 
-# times the usual size: of some 600 right findings by temperature or time the largest was 13, of wrong ones two were 20
-# and 26; a pair of 27 cancelled
-LARGEST = 1.5 * max(SIZES)
+# times the usual size, of what temperature or time drives: three standard deviations of the widest prior distribution;
+# of some 750 right findings the largest was 29
+LARGEST = WIDEST
 
 
 @dataclass(frozen=True)

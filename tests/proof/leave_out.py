@@ -65,7 +65,7 @@ LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
     "serial-correlation": ((_RESULTS + "verdict", "wandering_text", lambda final, log: ""),),
     "physical-bound": ((_RESULTS + "physical_limits", "CONTRADICTED_SIGMA", FOREVER),),
     "physical-size": (
-        (_RESULTS + "physical_limits", "WIDEST", FOREVER),
+        (_RESULTS + "physical_limits", "LARGEST", FOREVER),
         ("identification.diagnosis.extension", "LARGEST", FOREVER),
     ),
     "name-again": (("identification.diagnosis.extension", "with_names_again", _same),),

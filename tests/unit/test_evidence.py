@@ -81,9 +81,14 @@ def evidence(linear: LinearModel, columns: Array, *, empirical: bool = False, co
     return float(scores.evidence[0])
 
 
-def noise_of(linear: LinearModel) -> float:
-    """Standard deviation in whose units the closed form has the usual size: that without the effect."""
-    return float(np.sqrt(linear.square / linear.freedom))
+def noise_of(linear: LinearModel, columns: Array | None = None) -> float:
+    """Standard deviation of the noise, of all that is left or of what columns (k, N) leave of it.
+
+    In units of the latter the closed form has the usual size: what the effect explains is no noise.
+    """
+    left, residual = linear.project(np.zeros((0, N)) if columns is None else columns), linear.residual
+    beside = residual - np.linalg.lstsq(left.T, residual, rcond=None)[0] @ left
+    return float(np.sqrt(beside @ beside / linear.freedom))
 
 
 @pytest.mark.parametrize("truth", [0.0, 1.5])
@@ -92,7 +97,7 @@ def test_one_parameter_of_physical_size(geometry: int, truth: float) -> None:
     """The mean of the densities at sizes from a tenth to ten times the usual one, each as likely as is said."""
     linear, data, columns = problem(1, geometry, truth)
     one = columns[:1]
-    each = [bayes_factor(linear, data, one, np.array([s / noise_of(linear)])) for s in SIZES]
+    each = [bayes_factor(linear, data, one, np.array([s / noise_of(linear, one)])) for s in SIZES]
     assert sum(SIZES.values()) == pytest.approx(1)
     assert [*SIZES.values()] == [*reversed(SIZES.values())]  # a machine is as often three times smaller as larger
     assert evidence(linear, one) == pytest.approx(logsumexp(each, b=[*SIZES.values()]), abs=SLACK)
@@ -102,7 +107,7 @@ def test_two_parameters_that_are_correlated() -> None:
     linear, data, columns = problem(2, 0)
     columns[1] += 0.8 * columns[0]
     columns /= np.linalg.norm(columns, axis=1)[:, None] / 3.0
-    each = [bayes_factor(linear, data, columns, np.full(2, s / noise_of(linear))) for s in SIZES]
+    each = [bayes_factor(linear, data, columns, np.full(2, s / noise_of(linear, columns))) for s in SIZES]
     assert evidence(linear, columns) == pytest.approx(logsumexp(each, b=[*SIZES.values()]), abs=SLACK)
 
 
@@ -113,10 +118,14 @@ def test_a_form_without_a_size_has_the_one_that_suits_it_and_pays_a_nat_for_it()
     length = float(np.linalg.norm(left))
     drop = float((left @ linear.residual)[0] / length / noise_of(linear)) ** 2
     assert drop > 2
-    suits = np.sqrt(drop - 1) / length  # the likeliest prior deviation, in units of the noise, were that known
-    assert evidence(linear, one, empirical=True) == pytest.approx(
-        bayes_factor(linear, data, one, np.array([suits])) - 1.0, abs=SLACK
-    )
+    # the likeliest prior deviation, in units of the noise that is left beside it
+    suits = np.sqrt(drop - 1) / length * noise_of(linear) / noise_of(linear, one)
+
+    def at(deviation: float) -> float:
+        return bayes_factor(linear, data, one, np.array([deviation]))
+
+    assert evidence(linear, one, empirical=True) == pytest.approx(at(suits) - 1.0, abs=SLACK)
+    assert at(suits) > max(at(suits / 1.3), at(suits * 1.3))
 
 
 def test_places_that_were_looked_at_and_what_nothing_can_tell_from_the_geometry() -> None:
@@ -194,7 +203,7 @@ def test_evidence_in_noise_that_may_be_correlated() -> None:
         without = -free / 2 * np.log(y @ y) - 0.5 * np.linalg.slogdet(design.T @ design)[1]
         x = whiten @ column
         x = x - design @ np.linalg.lstsq(design, x, rcond=None)[0]
-        variance = y @ y / free
+        variance = (y @ y - (x @ y) ** 2 / (x @ x)) / free
         gains = []
         for s, p in SIZES.items():
             # y without the geometry: normal with covariance 1 + s^2/variance x x'

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 
 from errormodel.arrays import Array
 from identification.diagnosis.decisions.constants import SIZES
@@ -23,11 +24,13 @@ class Noise:
 def directly(columns: Array, residual: Array) -> float:
     """The same by dense matrices: log of the mean likelihood ratio of normal priors of each size (n, k)."""
     n, k = columns.shape
-    variance = residual @ residual / n
+    beside = residual - columns @ np.linalg.lstsq(columns, residual, rcond=None)[0]
+    variance = beside @ beside / n  # the noise: what an effect explains is none
+    noise = residual @ residual / n
     ratios = []
     for size, weight in SIZES.items():
         whole = np.eye(k) + size**2 * columns.T @ columns / variance
-        kept = size**2 * (columns.T @ residual) @ np.linalg.solve(whole, columns.T @ residual) / variance**2
+        kept = size**2 * (columns.T @ residual) @ np.linalg.solve(whole, columns.T @ residual) / variance / noise
         ratios.append(weight * np.exp(-n / 2 * np.log1p(-kept / n) - np.linalg.slogdet(whole)[1] / 2))
     return float(np.log(sum(ratios)))
 
@@ -41,6 +44,35 @@ def test_it_is_that_of_the_linear_model(apart: float) -> None:
     noise = Noise(float(residual @ residual), 300)
     found = joint_evidence(noise, columns.T @ columns, columns.T @ residual)
     assert found == pytest.approx(directly(columns, residual), rel=1e-6)
+
+
+def integrated(columns: Array, residual: Array) -> float:
+    """With prior sizes in mm, and the noise integrated over its logarithm: log of the mean ratio of densities."""
+    n = len(residual)
+    log_noise = np.linspace(-8, 12, 20001)
+    noise, square = np.exp(2 * log_noise), residual @ residual
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    along = np.square(vectors.T @ columns.T @ residual)
+
+    def log_density(size: float) -> float:
+        gain = size**2 * values[:, None] / noise
+        kept = np.sum(size**2 * along[:, None] / noise / (1 + gain), axis=0)
+        return float(logsumexp(-n * log_noise - 0.5 * np.log1p(gain).sum(axis=0) - 0.5 * (square - kept) / noise))
+
+    ratios = [log_density(size) - log_density(0.0) for size in SIZES]
+    return float(logsumexp(ratios, b=[*SIZES.values()]))
+
+
+@pytest.mark.parametrize("size", [0.0, 0.3, 1.0, 3.0, 10.0, 30.0])
+@pytest.mark.parametrize("count", [1, 4])
+def test_a_size_is_one_of_the_effect_and_none_of_the_noise(size: float, count: int) -> None:
+    """Also of thirty times what is usual, beside which the noise is nothing: within a nat of hundreds."""
+    rng = np.random.default_rng(1)
+    columns = 0.3 * rng.normal(size=(300, count))
+    residual = columns @ (size * rng.choice([-1.0, 1.0], count)) + rng.normal(size=300)
+    noise = Noise(float(residual @ residual), 300)
+    found = joint_evidence(noise, columns.T @ columns, columns.T @ residual)
+    assert found == pytest.approx(integrated(columns, residual), abs=1.0)
 
 
 def test_what_distinguishes_two_lags_counts_though_it_is_little() -> None:

@@ -317,8 +317,8 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _in("results.physical_limits", "CONTRADICTED_SIGMA"),
         ),
         "physical-size": Rule(
-            NAMES, "times the usual size", "So does one that is larger than the widest of the prior distributions.",
-            _decided("SIZES") + _in("search.candidates", "WIDEST") + _in("extension", "LARGEST"),
+            NAMES, "times the usual size", "So does one that is far larger than the widest of the prior distributions.",
+            _decided("SIZES") + _in("results.physical_limits", "LARGEST") + _in("extension", "LARGEST"),
         ),
         "distinguishable": Rule(
             NAMES, "decimal logarithm of the Bayes factor",

@@ -9,12 +9,14 @@ import numpy as np
 
 from errormodel.effects.base import Effect
 from errormodel.effects.unnamed import Unnamed
+from identification.diagnosis.decisions.constants import SIZES
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.results.effect_size import Whole
 from identification.diagnosis.results.findings import Finding
-from identification.diagnosis.search.candidates import WIDEST
 from identification.estimation.bounded import CONTRADICTED_SIGMA
 from identification.estimation.result import Fit
+
+LARGEST = 10 * max(SIZES)  # times the usual size: ten standard deviations of the widest prior distribution
 
 
 def checked_name(finding: Finding, whole: Whole, final: Fit, log: DecisionLog) -> Finding:
@@ -33,17 +35,14 @@ def checked_name(finding: Finding, whole: Whole, final: Fit, log: DecisionLog) -
             far = f"{beyond:.0f} standard uncertainties beyond what physics allows"
             return nameless(finding, f"{amount.name} would be {far}")
     times, name = times_usual(main, whole.ids[0], final)
-    if times <= WIDEST:
+    if times <= LARGEST:
         return finding
-    log.add("physical-size", "refused", main, times, WIDEST)
+    log.add("physical-size", "refused", main, times, LARGEST)
     return nameless(finding, f"{name} would be at least {times:.0f} times what is usual")
 
 
 def times_usual(effect: Effect, ids: Sequence[str], final: Fit) -> tuple[float, str]:
-    """How many times as large as usual a parameter of an effect is at least, and the name of that parameter.
-
-    More than `WIDEST` is beyond the widest prior distribution of sizes: of some 2000 right names of the proof one was.
-    """
+    """How many times as large as usual a parameter of an effect is at least, and the name of that parameter."""
     s, terms = final.solution, effect.terms(lambda name: 1.0, final.chain.machine)
     sizes = {t.unit: t.size for t in terms}
     row = {s.unknowns[j]: k for k, j in enumerate(s.groups.base)}

@@ -16,6 +16,7 @@ from identification.diagnosis.linear.random_effects import scores_of
 
 Scored = tuple[Array, Array, Array, Array]  # evidence, delta chi2, absorbed part and expected delta chi2 of proposals
 ROUNDED = 1e-10  # of the largest of squares: as much is rounding
+LEAST_LEFT = 1e-12  # of the residual sum of squares: what readings without noise leave, to divide by
 
 
 class Left(Protocol):
@@ -55,7 +56,7 @@ def free_scores(noise: Left, gram: Array, slope: Array, square: Array, empirical
     safe = np.where(seen, values, 1.0)
     delta_chi2 = np.where(seen, t**2 / safe, 0.0) / variance
     fitting = np.maximum(delta_chi2.sum(axis=1) / count, 1.0) - 1.0
-    gain = np.where(empirical[:, None], np.where(seen, fitting[:, None], 0.0), gain)
+    gain = np.where(empirical[:, None], np.where(seen, fitting[:, None], 0.0), gain) / _left(noise, delta_chi2)[:, None]
     by_size = np.array(
         [_log_evidence(noise, delta_chi2, np.where(empirical[:, None], gain, gain * s**2)) for s in SIZES]
     )
@@ -84,7 +85,7 @@ def joint_evidence(noise: Left, gram: Array, slope: Array) -> float:
     seen = values > ROUNDED * values[-1]
     variance = noise.square / noise.freedom
     delta_chi2 = np.square(vectors[:, seen].T @ slope)[None] / values[seen] / variance
-    gain = values[None, seen] / variance
+    gain = values[None, seen] / variance / _left(noise, delta_chi2)[:, None]
     by_size = [_log_evidence(noise, delta_chi2, gain * s**2)[0] for s in SIZES]
     return float(logsumexp(by_size, b=[*SIZES.values()]))
 
@@ -96,8 +97,17 @@ def random_scores(noise: Left, gram: Array, slope: Array, square: Array) -> Scor
     return evidence, explained, absorbed, np.full(len(gram), np.inf)
 
 
+def _left(noise: Left, delta_chi2: Array) -> Array:
+    """Share (m,) of the noise's variance that is left beside proposals (m, k), with which their prior sizes compare.
+
+    What an effect explains is no noise: beside that of the model without it, a large effect of usual size would count
+    as one of an unusual size.
+    """
+    return np.asarray(1 - np.minimum(delta_chi2.sum(axis=1) / noise.freedom, 1 - LEAST_LEFT))
+
+
 def _log_evidence(noise: Left, delta_chi2: Array, gain: Array) -> Array:
     """Evidence (m,) of independent directions (m, k) with prior variances of `gain` times those of their estimates."""
     kept = (delta_chi2 * gain / (1 + gain)).sum(axis=1)
-    left = np.log1p(-np.minimum(kept / noise.freedom, 1 - 1e-12))
+    left = np.log1p(-np.minimum(kept / noise.freedom, 1 - LEAST_LEFT))
     return np.asarray(-noise.freedom / 2 * left - 0.5 * np.log1p(gain).sum(axis=1))
