@@ -10,6 +10,7 @@ from typing import ClassVar
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.search_space.survey_summary import Scene
+from errormodel.effects.shared import reversal_size
 from errormodel.machine import Machine, joint_of
 
 
@@ -42,7 +43,7 @@ class Backlash(JointEffect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_of(machine, self.joint)
-        unit, size = ("mm", 0.02) if joint.type == "prismatic" else ("rad", 1e-4)
+        unit, size = reversal_size(joint)
         return [EffectTerm(self.joint, "", unit, along(joint, channel(f"dir_{self.joint}") / 2), size)]
 
     @classmethod

@@ -14,7 +14,7 @@ import numpy as np
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.families import Traits
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import Positive
+from errormodel.effects.shared import Positive, reversal_size
 from errormodel.machine import Machine, joint_of
 
 
@@ -48,7 +48,7 @@ class Hysteresis(JointEffect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_of(machine, self.joint)
-        unit, size = ("mm", 0.02) if joint.type == "prismatic" else ("rad", 1e-4)
+        unit, size = reversal_size(joint)
         left = channel(self.joint) - channel(f"play({self.joint},{self.width:.6g})")
         return [EffectTerm(self.joint, "", unit, along(joint, left / self.width), size)]
 

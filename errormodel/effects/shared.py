@@ -35,6 +35,11 @@ FEW_RUNS = 4  # of which all combinations are tried
 POSITIONS_PER_PERIOD = 3  # fewest positions per period from which its size and phase can be estimated
 
 
+def reversal_size(joint: Joint) -> tuple[str, float]:
+    """Unit and usual size of a reversal: 20 um, of a rotary joint 20 arcsec, between worm tables and geared arms."""
+    return ("mm", 0.02) if joint.type == "prismatic" else ("rad", 1e-4)
+
+
 def joint_as(machine: Machine, name: str, kind: Literal["prismatic", "rotary"], effect: str) -> Joint:
     """Return the joint of that name and kind.
 
