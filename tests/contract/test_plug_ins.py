@@ -205,6 +205,7 @@ def test_a_package_of_the_users_brings_a_controller(elsewhere: Path, run: Run, r
     assert "# shop-table" in reference("controller", "shop-table").splitlines()
 
 
+@pytest.mark.long
 def test_the_contract_tests_run_over_what_a_package_brings(elsewhere: Path, pytestconfig: pytest.Config) -> None:
     """A user's own file is held to what the project's own files are held to."""
     words = ("coupling-slip", "thread", "shop-table", "flat-probe", "height-gauge", ".bar")

@@ -327,7 +327,7 @@ def two(place: Path) -> Path:
     return place
 
 
-@pytest.mark.parametrize("system", [(), ("plain",), WINDOWS])
+@pytest.mark.parametrize("system", [(), *(pytest.param(s, marks=pytest.mark.long) for s in [("plain",), WINDOWS])])
 def test_killed_at_any_moment(two: Path, system: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     whole, rng = sorts(two), random.Random(1)
     if system == ("windows",):

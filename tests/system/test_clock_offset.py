@@ -17,6 +17,7 @@ from identification.estimation.fit import fit_machine
 from identification.results import store
 from identification.uncertainty.prediction import notes, predict
 from tests.helpers.diagnosed import empty_survey, showing
+from tests.helpers.nightly import first_of
 
 DELAY_S = 4e-3
 ON_THE_FLY = EffectSpec("clock-offset", {"speed": "clock"})
@@ -43,7 +44,7 @@ def test_a_delay_is_found_without_a_feed(path: tuple[Machine, Survey]) -> None:
     assert "driven by the speeds of X, Y and Z: " in finding.statement
 
 
-@pytest.mark.parametrize("joint", ["X", "Z"])
+@pytest.mark.parametrize("joint", first_of(["X", "Z"]))
 def test_one_joint_that_follows_late_is_its_servo_lag(path: tuple[Machine, Survey], joint: str) -> None:
     machine, survey = path
     lag = EffectSpec("servo-lag", {"joint": joint, "speed": "clock"})
@@ -94,7 +95,7 @@ def test_without_times_it_is_said_that_a_delay_would_look_like_other_things(path
     assert [n for n in diagnose(machine, untimed).diagnosis.notes if "whether they were read on the fly" in n]
 
 
-@pytest.mark.parametrize(("step_s", "quick"), [(0.5, True), (5.0, False)])
+@pytest.mark.parametrize(("step_s", "quick"), first_of([(0.5, True), (5.0, False)]))
 def test_lines_of_one_axis_that_are_read_quickly_have_a_delay(step_s: float, quick: bool) -> None:
     """To and fro at one speed a delay looks like play, which predicts another position at rest."""
     machine = read_machine("vertical_three_axis")

@@ -37,6 +37,7 @@ from tests.benchmarks import length_diagnosis as benchmark
 from tests.helpers.circles import as_survey, circles, trace
 from tests.helpers.commands import done
 from tests.helpers.lengths import commands, survey, tips, truth
+from tests.helpers.nightly import first_of
 
 MACHINE = read_machine("vertical_three_axis")
 KINDS = registry()
@@ -156,7 +157,7 @@ def test_what_one_plane_cannot_see_is_untestable() -> None:
     assert (tried.scores(linear).absorbed < ABSORBED).any()
 
 
-@pytest.mark.parametrize("kind", benchmark.KINDS)
+@pytest.mark.parametrize("kind", first_of(benchmark.KINDS, 2))
 def test_a_hidden_effect_is_named_and_nothing_is_seen_where_nothing_is(kind: str) -> None:
     """One survey of each kind of the benchmark, with one effect and without."""
     assert benchmark.run(kind, 0, empty=True)[1] == "adequate"

@@ -21,6 +21,7 @@ from identification.estimation.result import Fit
 from identification.uncertainty.prediction import predict
 from tests.helpers.chains import Array, errors
 from tests.helpers.commands import MILL, done
+from tests.helpers.nightly import first_of
 from tests.helpers.surveys import FAR, TURNED, measured, positions, stored, survey
 
 SEEDS = 40
@@ -104,7 +105,7 @@ def assert_covers(z: Array) -> None:
     assert 0.85 < np.sqrt(np.mean(z**2)) < 1.15
 
 
-@pytest.mark.parametrize("noisy", [undeclared, declared, tracked])
+@pytest.mark.parametrize("noisy", first_of([undeclared, declared, tracked]))
 def test_uncertainties_hold(noisy: Noisy) -> None:
     found = campaign(noisy)
     assert_covers(found.groups)
@@ -122,6 +123,7 @@ def test_uncertainties_hold(noisy: Noisy) -> None:
         assert np.mean(found.reduced) == pytest.approx(1, abs=4 * np.sqrt(2 / 180 / SEEDS))
 
 
+@pytest.mark.long
 def test_knowing_the_tracker_helps() -> None:
     """Its range is five times as good as its angles are here: weights by direction use that."""
 

@@ -20,6 +20,7 @@ from identification import fleet
 from identification.fleets.listing import read_list
 from tests.helpers.commands import MILL, done, run, tree, write
 from tests.helpers.fleets import fleet_of, mill_fleet
+from tests.helpers.nightly import first_of
 
 ROOT = Path(__file__).resolve().parents[2]
 MACHINES, ODD = 7, 4
@@ -114,7 +115,9 @@ def test_a_part_is_what_the_command_writes(made: Path, tmp_path: Path) -> None:
 
 @pytest.mark.every_figure
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-@pytest.mark.parametrize("words", [("--workers", 2), ("--engine", "dask", "--workers", 2)], ids=["processes", "dask"])
+@pytest.mark.parametrize(
+    "words", [("--workers", 2), pytest.param(("--engine", "dask", "--workers", 2), marks=pytest.mark.long)]
+)
 def test_the_same_bytes_whoever_works(words: tuple[object, ...], made: Path) -> None:
     again = made / f"again_{words[1]}"
     result = done("fleet", made / "list.csv", "--out", again, *words)
@@ -141,7 +144,7 @@ def test_a_worker_that_is_killed_costs_nothing(made: Path, tmp_path: Path) -> No
 
 @pytest.mark.every_figure
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("name", ["SIGKILL", "SIGINT"], ids=["killed", "Ctrl-C"])
+@pytest.mark.parametrize("name", first_of(["SIGINT", "SIGKILL"]))
 def test_a_run_that_was_stopped_goes_on_where_it_was(name: str, made: Path, tmp_path: Path) -> None:
     how = signal.Signals[name]
     out = tmp_path / "out"

@@ -74,6 +74,7 @@ def test_a_hole_is_drilled_where_the_correction_puts_it() -> None:
     assert "G81" not in sent.text
 
 
+@pytest.mark.long
 @pytest.mark.skipif(RS274 is None, reason="LinuxCNC is not installed (rs274)")
 def test_random_cycles_and_calls_move_as_in_linuxcnc() -> None:
     """The plain programme and what is written for it, both executed by LinuxCNC's own interpreter."""

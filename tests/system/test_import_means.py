@@ -22,6 +22,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.long
 def test_uncertainties_are_those_of_means(folder: Path) -> None:
     """Readings scatter by 3 um, means of 25 and more of them by 0.5 to 0.6: five times less."""
     survey = read_survey(folder / "s", read_machine(MILL))

@@ -83,6 +83,7 @@ def test_a_displaced_target_is_named_with_its_row(commands: pd.DataFrame, tmp_pa
     assert "from row 35 on" in done("check", MILL, tmp_path / "s").out
 
 
+@pytest.mark.long
 def test_no_step_is_seen_in_right_joins() -> None:
     """Of 200 surveys, in random order, layer by layer, or drifting over their rows: no false word."""
     machine = read_machine(MILL)

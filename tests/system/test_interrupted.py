@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.helpers.commands import MILL, done, tree
+from tests.helpers.nightly import first_of
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 ROOT = Path(__file__).resolve().parents[2]
@@ -110,7 +111,7 @@ identification.report.report = lambda *_: (print('up', flush=True), [time.sleep(
 ENDING = ["SIGINT", "SIGTERM", "SIGHUP"]
 
 
-@pytest.mark.parametrize("name", ENDING)
+@pytest.mark.parametrize("name", first_of(ENDING))
 def test_a_report_that_is_stopped_leaves_nothing(name: str, tmp_path: Path) -> None:
     number = getattr(signal, name)
     done("simulate", MILL, 40, "--noise", 0.002, "--out", tmp_path / "s.csv")

@@ -228,6 +228,7 @@ def test_a_rotary_axis_in_a_survey_and_in_the_fit_are_one(tmp_path: Path) -> Non
     assert fit["C.axial"].expanded is not None
 
 
+@pytest.mark.long
 def test_uncertainties_of_a_fit_cover_the_truth() -> None:
     """E of X in 25 simulated surveys: inside U (k = 2) in all but a few."""
     inside = 0

@@ -25,6 +25,7 @@ from tests.helpers.commands import FIVE, MILL, done, fitted_mill, run, tree, wri
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="forks with threads")
 def test_results_are_the_old_or_the_new_ones() -> None:
     """In a process of its own, since what others computed in threads cannot be forked."""

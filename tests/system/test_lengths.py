@@ -69,6 +69,7 @@ def _within(predicted: pd.DataFrame, true: np.ndarray, fresh: object) -> float:
     return float(np.sqrt(np.mean(left**2) * 3))
 
 
+@pytest.mark.long
 def test_stated_uncertainties_hold_the_truth() -> None:
     """Machine and stations, one interferometer in four places; 200 simulations are in the benchmark."""
     z = []

@@ -116,6 +116,7 @@ def test_squareness_is_named_wherever_groups_are_printed(tmp_path: Path):
     assert "squareness of Z against Y" in described
 
 
+@pytest.mark.long
 def test_squareness_shared_with_the_measuring_frame(tmp_path: Path):
     """Of joints with polynomials it is a sum of groups that each depend on the frame; fit and monitor know it."""
     machine = read_machine("bridge_cmm")

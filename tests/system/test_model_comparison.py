@@ -228,7 +228,10 @@ def test_pulses_become_a_curve_over_their_period() -> None:
     assert [(s.parent, s.effect.random) for s in told.model.steps] == [(None, False), (0, True)]
 
 
-@pytest.mark.parametrize("steps", [(True, True), (True, False), (False, True), (False, False)])
+@pytest.mark.parametrize(
+    "steps",
+    [(True, True), *(pytest.param(s, marks=pytest.mark.long) for s in [(True, False), (False, True), (False, False)])],
+)
 def test_what_switches_over_two_joints_gets_its_edges(steps: tuple[bool, bool]) -> None:
     """A table whose plates lie higher and lower in turn, at once or gently, along one joint or the other."""
     machine = read_machine("vertical_three_axis")

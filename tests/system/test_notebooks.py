@@ -10,7 +10,7 @@ import pytest
 from tests.helpers.interpreter import Interpreter, interpreter
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[2] / "notebooks").glob("*.py"))
-LONG = ("03_missing_physics", "04_paper_profiler_gantry")  # a minute and half a minute
+OFTEN = ("00_demonstration_data", "01_first_fit")  # the others take half a minute and more
 PROGRAM = "import runpy, sys; sys.argv = [{0!r}]; runpy.run_path({0!r}, run_name='__main__')"
 AFTERWARDS = "from matplotlib import pyplot; pyplot.close('all')"
 
@@ -24,7 +24,7 @@ def reader() -> Iterator[Interpreter]:
 
 @pytest.mark.parametrize(
     "notebook",
-    [pytest.param(n, id=n.stem, marks=[pytest.mark.long] if n.stem in LONG else []) for n in NOTEBOOKS],
+    [pytest.param(n, id=n.stem, marks=[pytest.mark.long] if n.stem not in OFTEN else []) for n in NOTEBOOKS],
 )
 def test_notebook_runs(notebook: Path, reader: Interpreter, tmp_path: Path) -> None:
     reader.python(PROGRAM.format(str(notebook)), tmp_path)

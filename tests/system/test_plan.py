@@ -32,6 +32,7 @@ from identification.planning.weights import optimal_weights
 from identification.uncertainty.prediction import predict
 from tests.helpers.chains import Array
 from tests.helpers.commands import FIVE, MILL, done, run, write
+from tests.helpers.nightly import first_of
 from tests.helpers.surveys import measured, positions, stored, survey
 
 PLAIN = Setup(errormodel=1)
@@ -176,6 +177,7 @@ def test_the_order_comes_from_both_sides_and_back_to_the_start(mill: Plan) -> No
         assert abs(np.corrcoef(np.arange(len(table)), table[name])[0, 1]) < 0.5
 
 
+@pytest.mark.long
 def test_the_predicted_uncertainty_is_what_fits_scatter_by(mill: Plan) -> None:
     """Of the rows of a plan, measured again and again: the fit's own figures, and its errors at fresh poses."""
     machine = mill.chain.machine
@@ -194,7 +196,7 @@ def test_the_predicted_uncertainty_is_what_fits_scatter_by(mill: Plan) -> None:
     assert 1e3 * u.max() <= mill.uncertainty.worst_um * 1.02
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", first_of(range(5)))
 def test_half_as_many_planned_poses_do_as_well_as_random_ones(seed: int) -> None:
     """Five-axis machine, worst predicted standard uncertainty at poses that the plan was not made for.
 

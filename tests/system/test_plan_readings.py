@@ -25,6 +25,7 @@ def by_lengths(count: int) -> Setup:
     return Setup.model_validate({"errormodel": 1, "observations": entries})
 
 
+@pytest.mark.long
 def test_lengths_from_stations_are_planned_by_their_own_information() -> None:
     """The covariance that poses are chosen by is that of a fit to lengths there, and counts within the machine."""
     setup = by_lengths(4)

@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.helpers.commands import XYZ, done, run, write
+from tests.helpers.nightly import first_of
 
 MILL = """\
 errormodel: 1
@@ -273,7 +274,7 @@ ONE_BALL: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], str]] = {
 }
 
 
-@pytest.mark.parametrize("frame", ["shared", "fixed"])
+@pytest.mark.parametrize("frame", first_of(["shared", "fixed"]))
 @pytest.mark.parametrize("kind", ONE_BALL)
 def test_nominal_points_that_leave_the_one_ball(kind: str, frame: str, tmp_path: Path) -> None:
     edit, expected = ONE_BALL[kind]

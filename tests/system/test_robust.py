@@ -94,6 +94,7 @@ def test_gross_outliers_move_nothing_and_are_named(where: str, way: Array | None
     assert fit.solution.sigma["position"] == pytest.approx(rest.solution.sigma["position"], rel=0.03)
 
 
+@pytest.mark.long
 def test_a_tenth_of_gross_outliers_costs_less_than_a_fifth_of_the_uncertainty() -> None:
     """Over seeds: errors at most 1.2 times those that clean data and least squares would have."""
     seeds, scaled, own, clean = 15, [], [], []

@@ -20,6 +20,7 @@ from identification.estimation.result import Fit
 from identification.runtime.engines import Crew
 from identification.streaming.fit import Sizing, fit_rows
 from tests.helpers.commands import done, run
+from tests.helpers.nightly import first_of
 
 FIVE, MILL = "five_axis_table_quill", "vertical_three_axis"
 # sizes of errors as machines have them
@@ -188,7 +189,7 @@ def test_the_parts_of_a_survey_do_not_matter(whole: Path, once: Fit, kind: str, 
     assert estimates(fit_rows(model, open_rows(tmp_path, model), sizing=SMALL)) == estimates(once)
 
 
-@pytest.mark.parametrize("crew", [Crew(workers=2), Crew("dask", 2)], ids=["processes", "dask"])
+@pytest.mark.parametrize("crew", first_of([Crew(workers=2), Crew("dask", 2)]), ids=["processes", "dask"])
 def test_who_works_does_not_matter(whole: Path, once: Fit, crew: Crew) -> None:
     if crew.engine == "dask":
         pytest.importorskip("distributed")

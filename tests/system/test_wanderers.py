@@ -22,6 +22,7 @@ from identification.estimation.fit import fit_machine
 from identification.results import store
 from identification.uncertainty.prediction import predict
 from tests.helpers.diagnosed import empty_survey, showing
+from tests.helpers.nightly import first_of
 
 MEASURED = ["mx", "my", "mz"]
 
@@ -109,7 +110,7 @@ def test_a_hidden_state_is_modelled_where_and_when_it_changes(jumps: int, tmp_pa
     assert errors[1] < (0.5 if jumps == 1 else 1.0) * errors[0]
 
 
-@pytest.mark.parametrize("timed", [True, False])
+@pytest.mark.parametrize("timed", first_of([True, False]))
 def test_beside_a_hidden_state_what_it_was_noise_to_is_named(timed: bool) -> None:
     """A seat that tips there and back, and a spindle that grows; with times, or with the order of the rows alone."""
     machine, rows = read_machine("vertical_three_axis"), 260

@@ -14,6 +14,7 @@ from identification.fleets.false_alarms import adjusted, selected, surely
 from identification.fleets.partial_pooling import Surveys, normal, per_machine, q_profile, reml
 from identification.monitoring.quantities import Watched
 from tests.helpers.fleets import drawn_fleet, kinds, with_fault
+from tests.helpers.nightly import first_of
 
 # 13 trials of the BCG vaccine (Colditz et al., 1994): cases and others, vaccinated and not. The results are those that
 # Viechtbauer's R package metafor prints of them (dat.bcg, log risk ratios, REML, Q profile), in four digits.
@@ -83,7 +84,7 @@ def test_machines_that_are_out_do_not_widen_what_is_normal() -> None:
     assert (result.p[:30] < 1e-12).all()
 
 
-@pytest.mark.parametrize("machines", [6, 20, 200])
+@pytest.mark.parametrize("machines", first_of([20, 6, 200]))
 def test_false_alarms_of_one_machine_are_as_many_as_said(machines: int) -> None:
     """Of 6000 normal machines, at a probability of 1 %.
 
@@ -199,7 +200,7 @@ def test_tests_of_groups_that_are_not_found_do_not_count() -> None:
     assert np.isnan(result.p[2])
 
 
-@pytest.mark.parametrize("spread", [0.5, 2.0])
+@pytest.mark.parametrize("spread", first_of([0.5, 2.0]))
 def test_pooled_estimates_beat_single_ones_by_the_theoretical_factor(spread: float) -> None:
     """Mean squared error, spread^2 / (spread^2 + v): 0.44 and 0.93 here.
 
