@@ -32,7 +32,9 @@ class ColumnBending(Effect):
     """Tilt of the column's carriage ``tilt * v`` in rad at the end of the load's travel; v is its position, -1 to 1.
 
     With a `foot` the column bends from that end of its travel: ``tilt * v * h``, with h from 0 to 1 along the column,
-    and the displacement of that curvature is added.
+    and the displacement of that curvature is added. With `overhang` there are two more: the moment that the load has at
+    mid-travel, ``rest * h``, and the column below its own travel, ``below * v``, of which the tilt displaces what is
+    above it.
     """
 
     effect: ClassVar[str] = "column-bending"
@@ -46,6 +48,7 @@ class ColumnBending(Effect):
     load_joint: str  # the joint that moves the load out
     motion: Rotation | None = None  # None: about the axis perpendicular to both joints
     foot: End | None = None  # None: the whole column tilts at its foot
+    overhang: bool = False
 
     @property
     def where(self) -> str:
@@ -61,8 +64,14 @@ class ColumnBending(Effect):
         if self.foot is None:
             return [EffectTerm(self.joint, "", "rad", turn(direction(about), v), 5e-5)]
         h, sense = extension(column, channel(self.joint), self.foot), 1 if self.foot == "low" else -1
-        bow = shift(cross(direction(about), column.axis), sense * length(column) / 2 * v * h**2)
-        return [EffectTerm(self.joint, "", "rad", {**turn(direction(about), v * h), **bow}, 5e-5)]
+        towards, reach = cross(direction(about), column.axis), sense * length(column)
+        curves = {"": (v * h, v * h**2 / 2)}
+        if self.overhang:
+            curves |= {"rest": (h, h**2 / 2), "below": (v, v * h)}
+        return [
+            EffectTerm(self.joint, label, "rad", turn(direction(about), tilt) | shift(towards, reach * bow), 5e-5)
+            for label, (tilt, bow) in curves.items()
+        ]
 
     def _about(self, column: Joint, load: Joint) -> Rotation:
         if self.motion is not None:
@@ -81,3 +90,5 @@ class ColumnBending(Effect):
             for motion, foot in product(across(column, "e"), (None, *TRAVEL_ENDS)):
                 fields = {"joint": column.name, "load_joint": load.name, "motion": motion, "foot": foot}
                 yield cls.model_validate(fields)
+                if foot is not None:
+                    yield cls.model_validate(fields | {"overhang": True})

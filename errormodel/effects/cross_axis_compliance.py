@@ -26,6 +26,7 @@ COMPLIANCE_SHAPES = {
 }
 WHOLE_DEGREES = 1, 2, 3  # candidates of a carriage that moves and tilts, all of them `along`
 SIZES = 0.02, 1e-4  # standard deviations: mm, rad
+ROTATED = 2.3  # log prior odds, 10 to 1, against a joint that turns, of which the own wobble looks alike
 # cosine of the angle between a turning axis and a translation, from which on the turn leaves the translation unchanged
 PARALLEL_COSINE = 1 - 1e-6
 
@@ -53,6 +54,10 @@ class CrossAxisCompliance(JointEffect):
     @property
     def drivers(self) -> tuple[str, ...]:
         return (self.other, self.joint) if self.along else (self.other,)
+
+    def cost(self, scene: Scene) -> float:
+        """Natural logarithm of the prior odds against it: a joint that turns moves little weight."""
+        return ROTATED if joint_of(scene.machine, self.other).type == "rotary" else 0.0
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_of(machine, self.joint)

@@ -9,6 +9,8 @@ from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import ClassVar
 
+from pydantic import Field
+
 from errormodel.conventions import FRAME, ROTATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
@@ -21,7 +23,7 @@ TILT_SIZES_RAD = {1: 3e-5, 2: 1e-5, 3: 1e-5}
 
 
 class GroundCompliance(Effect):
-    """Tilt of `element` (rad) in Legendre polynomials of degree 1 to 3 of the heavy axis' travel, scaled to -1 to 1.
+    """Tilt of `element` (rad) in Legendre polynomials up to a `degree` of the heavy axis' travel, scaled to -1 to 1.
 
     With `by`, a second axis, the ground yields unevenly along that: the first polynomial also has its product with the
     position of `by`, from -1 to 1.
@@ -39,6 +41,7 @@ class GroundCompliance(Effect):
     motion: Rotation | None = None  # None: about the first axis across it
     element: str = FRAME  # the element that tilts
     by: str | None = None
+    degree: int = Field(3, ge=1, le=3)  # 1: an elastic ground
 
     @property
     def where(self) -> str:
@@ -55,6 +58,7 @@ class GroundCompliance(Effect):
         out = [
             EffectTerm(self.element, str(n), "rad", {motion: legendre(n, u)}, size)
             for n, size in TILT_SIZES_RAD.items()
+            if n <= self.degree
         ]
         if self.by:
             other = joint_as(machine, self.by, "prismatic", self.effect)
@@ -65,8 +69,8 @@ class GroundCompliance(Effect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         places = (FRAME, scene.machine.elements[0].name)
-        for heavy, motion, element in product(scene.prismatic, ROTATIONS, places):
-            yield cls(joint=heavy.name, motion=motion, element=element)
+        for heavy, motion, element, degree in product(scene.prismatic, ROTATIONS, places, (1, 3)):
+            yield cls(joint=heavy.name, motion=motion, element=element, degree=degree)
         for (heavy, other), element in product(crossing(scene), places):
             for motion in across(heavy, "e"):
                 yield cls(joint=heavy.name, motion=motion, element=element, by=other.name)

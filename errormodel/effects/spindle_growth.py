@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
-from itertools import product
+from itertools import permutations, product
 from typing import ClassVar, Literal
 
 from errormodel.conventions import MOTIONS, TOOL, TRANSLATIONS, Motion
@@ -32,6 +32,11 @@ def heats(name: str) -> bool:
     """Whether a recorded channel is by its name the spindle's speed or power: ``w_spindle``, ``w_rpm_spindle``."""
     words = {*name.lower().removeprefix("w_").split("_")}
     return name.startswith("w_") and words <= HEATS and bool(words & {"spindle", "spindel", "rpm"})
+
+
+def of_spindle(sensor: str) -> bool:
+    """Whether a temperature is by its name the spindle's or its housing's."""
+    return any(part in sensor.lower() for part in PARTS)
 
 
 class SpindleGrowth(Effect):
@@ -69,7 +74,7 @@ class SpindleGrowth(Effect):
 
         What moves across the spindle is seldom its growth, and what another sensor drives in all motions is seldom so.
         """
-        own = heats(self.sensor) or any(part in self.sensor.lower() for part in PARTS)
+        own = heats(self.sensor) or of_spindle(self.sensor)
         elsewhere = WORD.search(self.sensor.removeprefix("T_")) is not None  # it is named after something else
         aside = self.motion is not None and not (own and self.motion == "all")
         place = 0.0 if own else ELSEWHERE if elsewhere else SOMEWHERE
@@ -94,5 +99,8 @@ class SpindleGrowth(Effect):
         element = last.name if isinstance(last, Shape) and not any(last.rotation) else TOOL
         sideways = [m for m in TRANSLATIONS if m not in outward(scene.machine)]  # a head grows on one side of its guide
         sensors = (*scene.sensors, *filter(heats, scene.witnesses))
-        for sensor, motion, tau in product(sensors, (None, *sideways, "all"), lags(scene)):
-            yield cls.model_validate({"sensor": sensor, "element": element, "motion": motion, "tau": tau})
+        over = [(own, other) for own, other in permutations(scene.sensors, 2) if of_spindle(own)]
+        alone: list[tuple[str, str | None]] = [(s, None) for s in sensors]
+        for (sensor, minus), motion, tau in product([*alone, *over], (None, *sideways, "all"), lags(scene)):
+            fields = {"sensor": sensor, "minus": minus, "element": element, "motion": motion, "tau": tau}
+            yield cls.model_validate(fields)

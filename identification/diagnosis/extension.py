@@ -90,11 +90,6 @@ def explained(
     """
     given, plain = survey, fit
 
-    def anew(known: Survey, before: list[Searched] | None = None) -> Explanation:
-        known = known if survey is given else weighed_as_before(known, survey, given)
-        own = fit_machine(fit.chain.machine, known)
-        return explained(own, known, changes, progress, log, impossible, isotropic, before)
-
     searched = _tried(fit, progress, log, impossible, before.pop() if before else None)
     linear, candidates = searched.linear, searched.candidates
     if not isotropic and (seen := tracker_noise(fit, linear, candidates, survey, log)) is not None:
@@ -102,8 +97,6 @@ def explained(
         del linear, candidates, searched  # of an arm hundreds of megabytes, and as much again is made
         searched = _tried(fit, progress, log, impossible)
         linear, candidates = searched.linear, searched.candidates
-    if (known := likelier_sides(survey, linear, log=log)) is not None:
-        return anew(known)
     scores = candidates.scores(linear).alone()
     looked = dict[object, Array]()
     selected = forward_select(linear, candidates, progress, log=log, looked=looked)
@@ -113,7 +106,10 @@ def explained(
         log.again()
         before = [searched]
         del linear, candidates, searched, selected, chosen
-        return anew(known, before)
+        known = known if survey is given else weighed_as_before(known, survey, given)
+        return explained(
+            fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible, isotropic, before
+        )
     del searched
     chosen, wave = _with_wave(chosen, candidates, progress, log, looked)
     chosen = with_likeliest_sensors(chosen, candidates, log)

@@ -64,31 +64,38 @@ def likelier_sides(
     Parameters
     ----------
     linear : of the survey's rows to fit, without the `effects`.
-    effects : what was found; what follows a joint's direction is fitted anew with each sign.
+    effects : what was found; what follows a joint's direction is fitted anew with each sign. What changes at once is
+        tried without, too: a side that was assumed until a joint first moves looks like it.
     """
     table = survey.table
     fitted = np.flatnonzero((table["role"] == "fit").to_numpy())
     sides = {j.name: direction(table, j.name) for j in linear.scene.moving}
     tried = [t for t in _assumptions(table, linear.scene) if t.turned[fitted][linear.index].any()]
-    beside = linear
-    for effect in effects:
-        beside = beside if {f"dir_{name}" for name in sides} & set(effect.drivers) else beside.with_effect(effect)
-    texts, many = dict[str, list[str]](), float(np.log(max(len(tried), 1)))
+    every = _without_each_jump(linear, [e for e in effects if not {f"dir_{name}" for name in sides} & set(e.drivers)])
+    texts = dict[str, list[str]]()
+    many, per_column = float(np.log(max(len(tried) * len(every), 1))), float(np.log(len(linear.index))) / 2
     while tried:
-        now, rank = _likelihood(beside, {name: side[fitted] for name, side in sides.items()})
+        freedom, columns = every[0].freedom, every[0].basis.shape[1]
+        square, rank = _left_beside(every[0], {name: side[fitted] for name, side in sides.items()})
         turned = [{**sides, t.joint: np.where(t.turned, -sides[t.joint], sides[t.joint])} for t in tried]
-        other = [_likelihood(beside, {n: s[fitted] for n, s in own.items()}) for own in turned]
-        # Schwarz's penalty of further parameters; no reward for a sign with which motions follow the geometry instead
-        gains = [log - now - max(own - rank, 0) / 2 * float(np.log(len(linear.index))) - many for log, own in other]
-        best = int(np.argmax(gains))
-        found = gains[best] > CLEAR
+        gains = np.empty((len(tried), len(every)))
+        for k, own in enumerate(turned):
+            for n, beside in enumerate(every):
+                left, other = _left_beside(beside, {name: side[fitted] for name, side in own.items()})
+                spared = columns - beside.basis.shape[1]
+                # Schwarz's penalty of parameters; no reward for a sign with which motions follow the geometry instead
+                further = max(other + spared - rank, 0) - spared
+                gains[k, n] = freedom / 2 * np.log(square / left) - further * per_column - many
+        best, instead = (int(k) for k in np.unravel_index(np.argmax(gains), gains.shape))
+        found = gains[best, instead] > CLEAR
         for k in [best] if found else range(len(tried)):
             where = f"rows {listed(table['row'].to_numpy()[tried[k].turned].tolist())}"
             channel = f"dir_{tried[k].joint}"
             word: Outcome = "found" if found else "passed"
-            log.add("first-approach", word, f"column {channel}", gains[k], CLEAR, beside=where)
+            log.add("first-approach", word, f"column {channel}", gains[k].max(), CLEAR, beside=where)
         if not found:
             break
+        every = [every[instead]] if instead else every
         sides, taken = turned[best], tried.pop(best)
         signs = sorted({f"{value:+.0f}" for value in sides[taken.joint][taken.turned]}, reverse=True)
         said = taken.text.format(rows=where, joint=taken.joint, channel=channel, sign=" or ".join(signs))
@@ -123,10 +130,16 @@ def _as_moved(table: pd.DataFrame, joint: str) -> Mask | None:
     return np.asarray(moved * table[name].to_numpy(dtype=np.float64) < 0)
 
 
-def _likelihood(beside: LinearModel, sides: Mapping[str, Array]) -> tuple[float, int]:
-    """Log likelihood with motions that follow the `sides` of the joints (of the rows to fit), and number of columns."""
+def _without_each_jump(linear: LinearModel, effects: Sequence[Effect]) -> list[LinearModel]:
+    """The model with all effects, and those without one of them that changes at once."""
+    jumps = [e for e in effects if any(k.sudden and getattr(e, n) is not None for n, k in e.shapes().items())]
+    return [linear.with_effects([e for e in effects if e is not out]) for out in (None, *jumps)]
+
+
+def _left_beside(beside: LinearModel, sides: Mapping[str, Array]) -> tuple[float, int]:
+    """What is left, squared, with motions that follow the `sides` of the joints (of the rows to fit); and columns."""
     follows = np.zeros((6 * len(sides), beside.size))
     for k, (joint, side) in enumerate(sides.items()):
         follows[6 * k : 6 * k + 6, : len(beside.index)] = beside.levers[joint] * side[beside.index]
     fitted = beside.with_columns(follows)
-    return -beside.freedom / 2 * float(np.log(fitted.square)), int(fitted.basis.shape[1])
+    return fitted.square, int(fitted.basis.shape[1])
