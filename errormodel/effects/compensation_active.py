@@ -64,7 +64,7 @@ class CompensationActive(JointEffect):
             for points in POINTS:
                 if 20 * points <= len(scene.columns[joint.name]):
                     yield cls(joint=joint.name, points=points)
-            for run in switched(scene):
+            for run in switched(scene.each_run):
                 rows = sum(np.count_nonzero(scene.columns[name]) for name in run_channels(run))
                 for points in POINTS if isinstance(run, str) else FEWER_POINTS:
                     if 4 * points <= rows:

@@ -57,4 +57,4 @@ class ScalePpm(Effect):
         yield cls()  # about the station it is the same: the measuring frame takes the shift
         for station in scene.stations:
             yield from (cls(station=station, sensor=sensor) for sensor in scene.sensors)
-            yield from (cls(station=station, run=run) for run in switched(scene))
+            yield from (cls(station=station, run=run) for run in switched(scene.runs))

@@ -57,7 +57,7 @@ class ServoLag(JointEffect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        if scene.on_the_fly and not scene.varies("feed"):  # which says the speed where it is recorded
+        if scene.on_the_fly:
             yield from (cls(joint=j.name, speed="clock") for j in scene.moving)
         for j in scene.moving:
             if scene.both_ways(j) and scene.varies("feed"):

@@ -169,9 +169,14 @@ def in_runs(channel: Channels, run: str | tuple[str, ...]) -> Value:
     return sum(map(channel, run_channels(run)))
 
 
-def switched(scene: Scene) -> Iterator[str | tuple[str, ...]]:
-    """Labels of runs in which something may act, and in the others not: of few any, of many from one to another."""
-    names = [name[4:-1] for name in scene.runs]
+def switched(runs: Sequence[str]) -> Iterator[str | tuple[str, ...]]:
+    """Labels of runs in which something may act, and in the others not: of few any, of many from one to another.
+
+    Parameters
+    ----------
+    runs : their channels, ``run(<label>)``.
+    """
+    names = [name[4:-1] for name in runs]
     if len(names) <= FEW_RUNS:
         sets = [own for count in range(1, max(len(names), 2)) for own in combinations(names, count)]
     else:

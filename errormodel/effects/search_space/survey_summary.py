@@ -95,7 +95,12 @@ class Scene:
 
     @cached_property
     def runs(self) -> tuple[str, ...]:
-        """Indicator channels ``run(<label>)`` of the runs, where there are several."""
+        """Indicator channels ``run(<label>)``, where there are several; of two, which differ by one constant, one."""
+        return self.each_run[1:] if len(self.each_run) == 2 else self.each_run
+
+    @cached_property
+    def each_run(self) -> tuple[str, ...]:
+        """Indicator channels ``run(<label>)`` of all runs, where there are several."""
         return tuple(n for n in self.columns if n.startswith("run(") and self.varies(n))
 
     @cached_property

@@ -134,8 +134,8 @@ def _scene_columns(survey: Survey, table: RowChannels, chain: Chain, dead: Colle
     names = [c for c in survey.table.columns if (str(c).startswith(("T_", "w_")) and c not in dead) or c in plain]
     columns = {str(n): survey.table[n].to_numpy(dtype=float) for n in names}
     runs = runs_of(survey)
-    if 2 <= len(runs) <= MOST_RUNS:  # of two, one is enough
-        several = [label for label, n in runs if n >= LEAST_RUN][len(runs) == 2 :]
+    several = [label for label, n in runs if n >= LEAST_RUN]
+    if len(several) >= 2 and len(runs) <= MOST_RUNS:
         columns |= {f"run({label})": table[f"run({label})"] for label in several}
     columns |= {} if "time" in columns or survey.table["file"].nunique() > 1 else {"row": table["row"]}
     joints = [j.name for j in chain.machine.joints]
