@@ -64,16 +64,16 @@ def likelier_sides(
     Parameters
     ----------
     linear : of the survey's rows to fit, without the `effects`.
-    effects : what was found; what follows a joint's direction is fitted anew with each sign. What changes at once is
-        tried without, too: a side that was assumed until a joint first moves looks like it.
+    effects : what was found; what follows a joint's direction is fitted anew with each sign. Each other one is tried
+        without, too: what sides that were assumed leave looks like a step or a curve.
     """
     table = survey.table
     fitted = np.flatnonzero((table["role"] == "fit").to_numpy())
     sides = {j.name: direction(table, j.name) for j in linear.scene.moving}
     tried = [t for t in _assumptions(table, linear.scene) if t.turned[fitted][linear.index].any()]
-    every = _without_each_jump(linear, [e for e in effects if not {f"dir_{name}" for name in sides} & set(e.drivers)])
+    every = _without_each(linear, [e for e in effects if not {f"dir_{name}" for name in sides} & set(e.drivers)])
     texts = dict[str, list[str]]()
-    many, per_column = float(np.log(max(len(tried) * len(every), 1))), float(np.log(len(linear.index))) / 2
+    many, per_column = float(np.log(max(len(tried), 1))), float(np.log(len(linear.index))) / 2
     while tried:
         freedom, columns = every[0].freedom, every[0].basis.shape[1]
         square, rank = _left_beside(every[0], {name: side[fitted] for name, side in sides.items()})
@@ -86,6 +86,8 @@ def likelier_sides(
                 # Schwarz's penalty of parameters; no reward for a sign with which motions follow the geometry instead
                 further = max(other + spared - rank, 0) - spared
                 gains[k, n] = freedom / 2 * np.log(square / left) - further * per_column - many
+                # a finding is that unlikely beforehand, and a side that nothing states is not
+                gains[k, n] += CLEAR * (n > 0)
         best, instead = (int(k) for k in np.unravel_index(np.argmax(gains), gains.shape))
         found = gains[best, instead] > CLEAR
         for k in [best] if found else range(len(tried)):
@@ -130,10 +132,9 @@ def _as_moved(table: pd.DataFrame, joint: str) -> Mask | None:
     return np.asarray(moved * table[name].to_numpy(dtype=np.float64) < 0)
 
 
-def _without_each_jump(linear: LinearModel, effects: Sequence[Effect]) -> list[LinearModel]:
-    """The model with all effects, and those without one of them that changes at once."""
-    jumps = [e for e in effects if any(k.sudden and getattr(e, n) is not None for n, k in e.shapes().items())]
-    return [linear.with_effects([e for e in effects if e is not out]) for out in (None, *jumps)]
+def _without_each(linear: LinearModel, effects: Sequence[Effect]) -> list[LinearModel]:
+    """The model with all effects, and those without one of them."""
+    return [linear.with_effects([e for e in effects if e is not out]) for out in (None, *effects)]
 
 
 def _left_beside(beside: LinearModel, sides: Mapping[str, Array]) -> tuple[float, int]:
