@@ -16,7 +16,7 @@ from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Rotation, across, joint_as
 from errormodel.effects.travel import crossing, legendre, scaled
-from errormodel.machine import Machine
+from errormodel.machine import Machine, Shape
 
 # standard deviation in rad by polynomial degree; degrees 2 and 3 because feet and floor stiffen under load
 TILT_SIZES_RAD = {1: 3e-5, 2: 1e-5, 3: 1e-5}
@@ -68,7 +68,8 @@ class GroundCompliance(Effect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        places = (FRAME, scene.machine.elements[0].name)
+        first = scene.machine.elements[0]
+        places = (FRAME, first.name) if isinstance(first, Shape) else (FRAME,)  # a joint's tilt is its own compliance
         for heavy, motion, element, degree in product(scene.prismatic, ROTATIONS, places, (1, 3)):
             yield cls(joint=heavy.name, motion=motion, element=element, degree=degree)
         for (heavy, other), element in product(crossing(scene), places):
