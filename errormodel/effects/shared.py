@@ -169,16 +169,18 @@ def in_runs(channel: Channels, run: str | tuple[str, ...]) -> Value:
     return sum(map(channel, run_channels(run)))
 
 
-def switched(runs: Sequence[str]) -> Iterator[str | tuple[str, ...]]:
+def switched(runs: Sequence[str], *, constant: bool = False) -> Iterator[str | tuple[str, ...]]:
     """Labels of runs in which something may act, and in the others not: of few any, of many from one to another.
 
     Parameters
     ----------
     runs : their channels, ``run(<label>)``.
+    constant : whether that it acts in some runs is that it does not in the others: of each such pair the fewer runs.
     """
     names = [name[4:-1] for name in runs]
     if len(names) <= FEW_RUNS:
-        sets = [own for count in range(1, max(len(names), 2)) for own in combinations(names, count)]
+        most = max(len(names) // 2 if constant else len(names) - 1, 1)
+        sets = [own for count in range(1, most + 1) for own in combinations(names, count)]
     else:
         sets = [tuple(names[a:b]) for a, b in combinations(range(len(names) + 1), 2) if b - a < len(names)]
     yield from (own[0] if len(own) == 1 else own for own in sets)

@@ -77,7 +77,7 @@ class StationShift(Effect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        for run in switched(scene.runs):
+        for run in switched(scene.runs, constant=True):
             yield from (cls(run=run, turned=turned) for turned in (True, False))
         for at in moments(scene):
             yield from (cls(at=at, turned=turned) for turned in (True, False))
