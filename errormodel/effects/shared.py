@@ -175,7 +175,7 @@ def switched(runs: Sequence[str], *, constant: bool = False) -> Iterator[str | t
     Parameters
     ----------
     runs : their channels, ``run(<label>)``.
-    constant : whether that it acts in some runs is that it does not in the others: of each such pair the fewer runs.
+    constant : whether that it acts in some runs is that it does not in the others: of few runs, the fewer of each pair.
     """
     names = [name[4:-1] for name in runs]
     if len(names) <= FEW_RUNS:

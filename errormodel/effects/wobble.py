@@ -59,10 +59,12 @@ class Wobble(JointEffect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_as(machine, self.joint, "rotary", self.effect)
         both = waves(channel(self.joint), self.harmonic)
-        tilts = across(joint, "e") if self.motion is None else (self.motion,)
-        terms = [EffectTerm(self.joint, label, "rad", {m: wave}, 2e-5) for m in tilts for label, wave in both.items()]
         if self.whirl:
-            terms = [EffectTerm(self.joint, label, "rad", m, 2e-5) for label, m in self._cone(joint, **both).items()]
+            tilts = [*self._cone(joint, **both).items()]
+        else:
+            about = across(joint, "e") if self.motion is None else (self.motion,)
+            tilts = [(label, {m: wave}) for m in about for label, wave in both.items()]
+        terms = [EffectTerm(self.joint, label, "rad", tilt, 2e-5) for label, tilt in tilts]
         if self.axial:
             axis = shift(joint.axis, 1.0)
             moved = {label: {m: a * wave for m, a in axis.items()} for label, wave in both.items()}

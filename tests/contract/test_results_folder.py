@@ -21,6 +21,7 @@ from errormodel.files import sha256, write_bytes_atomic
 from identification.results import results_folder, store
 from identification.results.results_folder import ResultsFolder
 from tests.helpers.commands import MILL, done, fitted_mill, run, tree, write
+from tests.helpers.nightly import first_of
 from tests.helpers.windows_rules import obey
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -327,7 +328,7 @@ def two(place: Path) -> Path:
     return place
 
 
-@pytest.mark.parametrize("system", [(), *(pytest.param(s, marks=pytest.mark.long) for s in [("plain",), WINDOWS])])
+@pytest.mark.parametrize("system", first_of([(), ("plain",), WINDOWS], whole=True))
 def test_killed_at_any_moment(two: Path, system: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     whole, rng = sorts(two), random.Random(1)
     if system == ("windows",):

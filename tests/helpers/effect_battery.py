@@ -126,7 +126,7 @@ def arrays(name: str) -> Channels:
     return Channels(name, table(name))
 
 
-def numeric(effect: Effect, machine: Machine, channels: Channels) -> list[tuple[EffectTerm, Array]]:
+def numeric(effect: Effect, machine: Machine, channels: dict[str, Array]) -> list[tuple[EffectTerm, Array]]:
     """Each parameter with its motion over the rows, (6, n), in the order in which a chain has them."""
     out = []
     places = ("frame", *(e.name for e in machine.elements), "tool")

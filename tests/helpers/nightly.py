@@ -8,11 +8,13 @@ from typing import Any
 import pytest
 
 
-def first_of(values: Iterable[Any], count: int = 1) -> list[Any]:
-    """The values for `parametrize`; those beyond the first `count` have the mark `long`."""
+def first_of(values: Iterable[Any], count: int = 1, *, whole: bool = False) -> list[Any]:
+    """The values for `parametrize`; those beyond the first `count` have the mark `long`.
+
+    Parameters
+    ----------
+    whole : whether a tuple is one argument's value, and not several arguments' values.
+    """
     every = list(values)
-    return [*every[:count], *(_by_night(v) for v in every[count:])]
-
-
-def _by_night(value: Any) -> Any:
-    return pytest.param(*(value if type(value) is tuple else (value,)), marks=pytest.mark.long)
+    several = [v if type(v) is tuple and not whole else (v,) for v in every[count:]]
+    return [*every[:count], *(pytest.param(*own, marks=pytest.mark.long) for own in several)]

@@ -116,7 +116,7 @@ def test_a_part_is_what_the_command_writes(made: Path, tmp_path: Path) -> None:
 @pytest.mark.every_figure
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize(
-    "words", [("--workers", 2), pytest.param(("--engine", "dask", "--workers", 2), marks=pytest.mark.long)]
+    "words", first_of([("--workers", 2), ("--engine", "dask", "--workers", 2)], whole=True), ids=["processes", "dask"]
 )
 def test_the_same_bytes_whoever_works(words: tuple[object, ...], made: Path) -> None:
     again = made / f"again_{words[1]}"
@@ -144,7 +144,7 @@ def test_a_worker_that_is_killed_costs_nothing(made: Path, tmp_path: Path) -> No
 
 @pytest.mark.every_figure
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("name", first_of(["SIGINT", "SIGKILL"]))
+@pytest.mark.parametrize("name", first_of(["SIGINT", "SIGKILL"]), ids=["Ctrl-C", "killed"])
 def test_a_run_that_was_stopped_goes_on_where_it_was(name: str, made: Path, tmp_path: Path) -> None:
     how = signal.Signals[name]
     out = tmp_path / "out"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import casadi as ca
 import numpy as np
@@ -26,6 +27,7 @@ from identification.diagnosis.search.scoring import DECIMALS, Step
 from identification.diagnosis.search.shape_fit import optimise_shapes, scored
 from identification.estimation.fit import fit_machine
 from tests.helpers.diagnosed import empty_survey, showing
+from tests.helpers.nightly import first_of
 
 
 def test_a_story_gains_by_what_is_there_and_loses_by_what_is_not() -> None:
@@ -228,10 +230,7 @@ def test_pulses_become_a_curve_over_their_period() -> None:
     assert [(s.parent, s.effect.random) for s in told.model.steps] == [(None, False), (0, True)]
 
 
-@pytest.mark.parametrize(
-    "steps",
-    [(True, True), *(pytest.param(s, marks=pytest.mark.long) for s in [(True, False), (False, True), (False, False)])],
-)
+@pytest.mark.parametrize("steps", first_of(product((True, False), repeat=2), whole=True))
 def test_what_switches_over_two_joints_gets_its_edges(steps: tuple[bool, bool]) -> None:
     """A table whose plates lie higher and lower in turn, at once or gently, along one joint or the other."""
     machine = read_machine("vertical_three_axis")

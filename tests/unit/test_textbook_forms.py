@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,12 +9,14 @@ import pytest
 from scipy.integrate import cumulative_trapezoid
 
 from errormodel.arrays import Array
+from errormodel.conventions import MOTIONS
 from errormodel.effects.base import Effect
 from errormodel.exceptions import EffectError
 from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import read_machine
 from identification.diagnosis.pipeline import diagnose
 from tests.helpers.diagnosed import empty_survey, showing
+from tests.helpers.effect_battery import numeric
 from tests.helpers.findings import made
 
 MILL, TABLE = read_machine("vertical_three_axis"), read_machine("five_axis_table_quill")
@@ -23,12 +24,10 @@ MILL, TABLE = read_machine("vertical_three_axis"), read_machine("five_axis_table
 
 def motions(effect: Effect, machine: Machine, values: list[float], **channels: Array) -> dict[str, Array]:
     """What an effect's parameters do to each motion of its place."""
-    out: dict[str, Array] = {}
-    channel: Callable[[str], Array] = channels.__getitem__
-    for value, term in zip(values, effect.terms(channel, machine), strict=True):
-        for name, moved in term.motion.items():
-            out[name] = out.get(name, 0.0) + value * moved
-    return out
+    rows = np.zeros_like(next(iter(channels.values())))
+    moved = numeric(effect, machine, {j.name: rows for j in machine.joints} | channels)
+    whole = sum(value * motion for value, (_, motion) in zip(values, moved, strict=True))
+    return dict(zip(MOTIONS, np.asarray(whole), strict=True))
 
 
 @pytest.mark.parametrize("foot", ["low", "high"])
@@ -58,7 +57,7 @@ def test_an_axis_on_a_cone_keeps_its_tilt_and_runs_round(whirl: str, sense: floa
     b = np.linspace(0, 2 * np.pi, 25)
     found = motions(made("wobble", joint="B", harmonic=2, whirl=whirl), TABLE, [3e-5, 4e-5], B=b)
     (joint,) = (j for j in TABLE.joints if j.name == "B")
-    tilt = np.array([found.get(name, np.zeros_like(b)) for name in ("ea", "eb", "ec")]).T
+    tilt = np.array([found[name] for name in ("ea", "eb", "ec")]).T
     np.testing.assert_allclose(np.linalg.norm(tilt, axis=1), 5e-5)
     np.testing.assert_allclose(tilt @ joint.axis, 0, atol=1e-15)
     step = np.einsum("ni,i->n", np.cross(tilt[:-1], tilt[1:]), joint.axis) / 5e-5**2
@@ -70,7 +69,7 @@ def test_an_axis_on_a_cone_has_no_motion_of_its_own() -> None:
         made("wobble", joint="B", motion="ea", whirl="forward")
 
 
-def found(machine: Machine, spec: EffectSpec, values: list[float], **columns: Array) -> list[tuple[str, str]]:
+def findings_of(machine: Machine, spec: EffectSpec, values: list[float], **columns: Array) -> list[tuple[str, str]]:
     """What a survey of a machine with an effect is found to show."""
     survey = empty_survey(machine, 260, 5, channels=False, grid=False)
     survey = replace(survey, table=survey.table.assign(**columns))
@@ -80,14 +79,14 @@ def found(machine: Machine, spec: EffectSpec, values: list[float], **columns: Ar
 
 def test_an_axis_on_a_cone_is_no_compliance_of_the_next_joint() -> None:
     spec = EffectSpec("wobble", {"joint": "B", "harmonic": 2, "whirl": "forward"})
-    assert found(TABLE, spec, [3e-5, 2e-5]) == [("wobble", "B")]
+    assert findings_of(TABLE, spec, [3e-5, 2e-5]) == [("wobble", "B")]
 
 
 def test_a_spindle_that_grows_over_the_air() -> None:
     hours = np.linspace(0, 6, 260)
     air, own = 19 + 3 * np.sin(hours), 24 + 6 * np.sin(2.1 * hours + 1)
     spec = EffectSpec("spindle-growth", {"sensor": "T_spindle", "minus": "T_air"})
-    assert [word for word, _ in found(MILL, spec, [0.004], time=3600 * hours, T_spindle=own, T_air=air)] == [
+    assert [word for word, _ in findings_of(MILL, spec, [0.004], time=3600 * hours, T_spindle=own, T_air=air)] == [
         "spindle-growth"
     ]
 
@@ -96,7 +95,7 @@ def test_a_table_that_was_on_in_the_first_of_two_runs() -> None:
     spec = EffectSpec("compensation-active", {"joint": "X", "points": 7, "run": "1"})
     values = [0.0, 0.03, -0.02, 0.025, -0.03, 0.02, 0.0]
     runs = np.repeat(["1", "2"], 130)
-    assert found(MILL, spec, values, run=runs) == [("compensation-active", "X")]
+    assert findings_of(MILL, spec, values, run=runs) == [("compensation-active", "X")]
 
 
 def test_a_servo_that_lags_on_lines_of_other_joints() -> None:
@@ -107,4 +106,4 @@ def test_a_servo_that_lags_on_lines_of_other_joints() -> None:
     places = {j.name: np.mean(j.travel) + np.ptp(j.travel) * 0.3 * (along - 0.5) * (moving == k)
               for k, j in enumerate(MILL.joints)}  # fmt: skip
     spec = EffectSpec("servo-lag", {"joint": "Y", "speed": "clock"})
-    assert found(MILL, spec, [2e-3], time=time, feed=feed, **places) == [("servo-lag", "Y")]
+    assert findings_of(MILL, spec, [2e-3], time=time, feed=feed, **places) == [("servo-lag", "Y")]
