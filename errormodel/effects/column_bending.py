@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import ClassVar
+from typing import ClassVar, Self
+
+from pydantic import model_validator
 
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
@@ -49,6 +51,12 @@ class ColumnBending(Effect):
     motion: Rotation | None = None  # None: about the axis perpendicular to both joints
     foot: End | None = None  # None: the whole column tilts at its foot
     overhang: bool = False
+
+    @model_validator(mode="after")
+    def _bends(self) -> Self:
+        if self.overhang and self.foot is None:
+            raise ValueError("what overhangs bends the column from its foot: write foot: low or foot: high as well")
+        return self
 
     @property
     def where(self) -> str:

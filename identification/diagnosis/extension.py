@@ -37,6 +37,7 @@ from identification.diagnosis.search.model_comparison import compare_alternative
 from identification.diagnosis.search.proposals import enough_rows, proposed
 from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.search.taken_over import Searched
+from identification.diagnosis.search.whole_models import weighed_as_whole
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
 from identification.runtime.memory import give_back
@@ -101,11 +102,11 @@ def explained(
     looked = dict[object, Array]()
     selected = forward_select(linear, candidates, progress, log=log, looked=looked)
     give_back()
-    chosen = compare_alternatives(selected, candidates, progress, log, looked, jumps_instead(selected, log))
+    chosen, models = compare_alternatives(selected, candidates, progress, log, looked, jumps_instead(selected, log))
     if (known := likelier_sides(survey, linear, [s.effect for s in chosen.steps], log)) is not None:
         log.again()
         before = [searched]
-        del linear, candidates, searched, selected, chosen
+        del linear, candidates, searched, selected, chosen, models
         known = known if survey is given else weighed_as_before(known, survey, given)
         return explained(
             fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible, isotropic, before
@@ -117,7 +118,9 @@ def explained(
         log.again()  # it was what was found
         return explained(plain, given, changes, progress, log, impossible, isotropic=True)
     del candidates, selected  # hundreds of megabytes that the fit of all rows needs
-    model, witnessed = apply_witnesses(with_names_again(in_correlated_noise(chosen, log), log), log)
+    model = with_names_again(weighed_as_whole(in_correlated_noise(chosen, log), models, log), log)
+    model, witnessed = apply_witnesses(model, log)
+    del models
     model, wanders = without_wanderers(model, log)
     first = len(fit.chain.machine.effects) + len(changes)
     final = fit

@@ -13,6 +13,7 @@ from errormodel.effects import make
 from errormodel.effects.unnamed import Unnamed, switch
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
+from identification.diagnosis.decisions.constants import LEAST_EVIDENCE
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.pipeline import diagnose
@@ -23,8 +24,9 @@ from identification.diagnosis.search.forward_selection import forward_select, re
 from identification.diagnosis.search.model import EffectModel, replayed
 from identification.diagnosis.search.model_comparison import compare_alternatives, empirical_evidence
 from identification.diagnosis.search.refinement import refined
-from identification.diagnosis.search.scoring import DECIMALS, Step
+from identification.diagnosis.search.scoring import DECIMALS, Step, posterior
 from identification.diagnosis.search.shape_fit import optimise_shapes, scored
+from identification.diagnosis.search.whole_models import weighed_as_whole
 from identification.estimation.fit import fit_machine
 from tests.helpers.diagnosed import empty_survey, showing
 from tests.helpers.nightly import first_of
@@ -130,7 +132,7 @@ def test_what_looked_like_a_findings_own_form_is_a_second_cause() -> None:
     candidates = Candidates.of(linear)
     form = Unnamed(element="X", motion="dx", driver="T_1", center=21.0, half_range=2.0)
     taken = [Step(make(specs[0]), 100.0, 100.0, 0.5), Step(form, 50.0, 50.0, 0.5, parent=0)]
-    told = compare_alternatives(replayed(linear, taken), candidates)
+    told, _ = compare_alternatives(replayed(linear, taken), candidates)
     assert {(main.effect.effect, main.effect.where) for main, *_ in told.findings} >= {
         ("scale-expansion", "X"),
         ("structure-drift", "head"),
@@ -150,7 +152,7 @@ def test_two_names_before_a_form_that_does_for_both() -> None:
     model = forward_select(linear, candidates)
     assert model.steps[0].effect.empirical  # it explains more than either of the two
     assert empirical_evidence(model) > 100
-    told = compare_alternatives(model, candidates)
+    told, _ = compare_alternatives(model, candidates)
     assert {main.effect.effect for main, *_ in told.findings} == {"backlash", "servo-lag"}
     assert empirical_evidence(told) == 0
 
@@ -165,11 +167,36 @@ def test_two_effects_of_one_joint_hide_in_each_other() -> None:
     knee = EffectSpec("contact-knee", {"joint": name, "motion": "dz", "at": low + 0.4 * (high - low)})
     effects = [(table, [0.012, 0.014, -0.006, 0.006]), (knee, [0.2])]
     linear = set_up(fit_machine(machine, showing(survey, machine, effects, 0.003)))
-    compared = compare_alternatives(*mistaken_model(linear, name))
+    compared, _ = compare_alternatives(*mistaken_model(linear, name))
     assert {(main.effect.effect, main.effect.where) for main, *_ in compared.findings} == {
         ("compensation-active", name),
         ("contact-knee", name),
     }
+
+
+def test_another_name_is_as_likely_as_a_whole_model_with_it() -> None:
+    """Play that grows along the travel: equal play departs from it, by what a search would have to find."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=False, grid=False)
+    grows, equal = (make(EffectSpec(name, {"joint": "X"})) for name in ("lost-motion", "backlash"))
+    linear = set_up(fit_machine(machine, showing(survey, machine, [(grows.spec, [0.01, 0.03])], 0.003)))
+    candidates = Candidates.of(linear)
+    names = len(candidates.places)
+    first, other = (Step(e, 0.0, 0.0, 0.0, names=names, places=candidates.places[e.effect]) for e in (grows, equal))
+    model = conditional_scores(replayed(linear, [first]), candidates)
+
+    def lead(model: EffectModel) -> float:
+        [main] = model.steps
+        [other] = (s for s in main.alternatives if s.effect == equal)
+        return posterior(other) - posterior(main)
+
+    bent = Unnamed(element="X", motion="dx", driver="dir_X", by="X")
+    refined = replayed(linear, [other, Step(bent, 0.0, 0.0, 0.0, parent=0)])
+    assert lead(model) > -LEAST_EVIDENCE  # by what its departure could explain
+    for found, whole in (([], replayed(linear, [other])), ([model, refined], refined)):
+        weighed = weighed_as_whole(model, found)
+        assert lead(weighed) == pytest.approx(whole.log_posterior - model.log_posterior, abs=1e-3)
+    assert lead(weighed_as_whole(model, [])) < -LEAST_EVIDENCE
 
 
 def mistaken_model(linear: LinearModel, joint: str) -> tuple[EffectModel, Candidates]:

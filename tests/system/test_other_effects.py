@@ -82,7 +82,8 @@ def test_a_member_that_was_behind_in_the_first_row(tmp_path: Path) -> None:
     for own in (fit, settled):
         out = predicted(own, later)
         ratios.append(np.sqrt(np.square(out["mx"] - later.table["mx"]).mean() / np.square(out["ux"]).mean()))
-    assert ratios[0] < 2.0 < ratios[1]
+    # of one recording; what else explains it, a warm-up of 1 %, is no longer likely enough to be among them
+    assert ratios[0] < 2.1 < ratios[1]
 
 
 def test_sensors_that_warmed_alike(tmp_path: Path) -> None:

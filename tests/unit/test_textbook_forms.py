@@ -52,6 +52,11 @@ def test_a_column_is_the_integral_of_its_curvature(foot: str) -> None:
         np.testing.assert_allclose(found["dx"], sense * (bow - steady * h * length), atol=1e-9)
 
 
+def test_what_overhangs_bends_a_column_from_its_foot() -> None:
+    with pytest.raises(EffectError, match="write foot: low or foot: high"):
+        made("column-bending", joint="Z", load_joint="X", overhang=True)
+
+
 @pytest.mark.parametrize(("whirl", "sense"), [("forward", 1.0), ("backward", -1.0)])
 def test_an_axis_on_a_cone_keeps_its_tilt_and_runs_round(whirl: str, sense: float) -> None:
     b = np.linspace(0, 2 * np.pi, 25)

@@ -73,21 +73,11 @@ def likelier_sides(
     tried = [t for t in _assumptions(table, linear.scene) if t.turned[fitted][linear.index].any()]
     every = _without_each(linear, [e for e in effects if not {f"dir_{name}" for name in sides} & set(e.drivers)])
     texts = dict[str, list[str]]()
-    many, per_column = float(np.log(max(len(tried), 1))), float(np.log(len(linear.index))) / 2
+    many = float(np.log(max(len(tried), 1)))
     while tried:
-        freedom, columns = every[0].freedom, every[0].basis.shape[1]
-        square, rank = _left_beside(every[0], {name: side[fitted] for name, side in sides.items()})
         turned = [{**sides, t.joint: np.where(t.turned, -sides[t.joint], sides[t.joint])} for t in tried]
-        gains = np.empty((len(tried), len(every)))
-        for k, own in enumerate(turned):
-            for n, beside in enumerate(every):
-                left, other = _left_beside(beside, {name: side[fitted] for name, side in own.items()})
-                spared = columns - beside.basis.shape[1]
-                # Schwarz's penalty of parameters; no reward for a sign with which motions follow the geometry instead
-                further = max(other + spared - rank, 0) - spared
-                gains[k, n] = freedom / 2 * np.log(square / left) - further * per_column - many
-                # a finding is that unlikely beforehand, and a side that nothing states is not
-                gains[k, n] += CLEAR * (n > 0)
+        of_rows = [{name: side[fitted] for name, side in own.items()} for own in (sides, *turned)]
+        gains = _gains(every, of_rows[0], of_rows[1:]) - many
         best, instead = (int(k) for k in np.unravel_index(np.argmax(gains), gains.shape))
         found = gains[best, instead] > CLEAR
         for k in [best] if found else range(len(tried)):
@@ -135,6 +125,26 @@ def _as_moved(table: pd.DataFrame, joint: str) -> Mask | None:
 def _without_each(linear: LinearModel, effects: Sequence[Effect]) -> list[LinearModel]:
     """The model with all effects, and those without one of them."""
     return [linear.with_effects([e for e in effects if e is not out]) for out in (None, *effects)]
+
+
+def _gains(every: Sequence[LinearModel], sides: Mapping[str, Array], turned: Sequence[Mapping[str, Array]]) -> Array:
+    """Log evidence (k, n) of k other sides beside each of n models, over that of the `sides` beside the first.
+
+    By Schwarz's criterion. A model without a finding is likelier by as much as a finding is unlikely beforehand: a side
+    that nothing states is not.
+    """
+    first = every[0]
+    square, rank = _left_beside(first, sides)
+    per_column = float(np.log(len(first.index))) / 2
+    gains = np.empty((len(turned), len(every)))
+    for n, beside in enumerate(every):
+        spared = first.basis.shape[1] - beside.basis.shape[1]
+        for k, own in enumerate(turned):
+            left, other = _left_beside(beside, own)
+            # no reward for a sign with which motions follow the geometry instead
+            further = max(other + spared - rank, 0) - spared
+            gains[k, n] = first.freedom / 2 * np.log(square / left) - further * per_column + CLEAR * (n > 0)
+    return gains
 
 
 def _left_beside(beside: LinearModel, sides: Mapping[str, Array]) -> tuple[float, int]:

@@ -251,15 +251,14 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _decided("LITTLE", "LEAST_EVIDENCE", "MUCH"),
         ),
         "search-from": Rule(COMPARISON, "", "An effect that a repeated search begins with."),
+        "whole-model": Rule(COMPARISON, "log evidence", "Another name is as likely as a whole model that has it."),
         "model-evidence": Rule(
             COMPARISON, "log evidence",
             "Another model is kept if its evidence and prior are more, a near-tie if it rests less on empirical terms; "
             "none is in which findings hide each other.",
             _decided("CLEARLY"),
         ),
-        "model-cross-validation": Rule(
-            COMPARISON, ERRORS, "It must predict blocks of rows no worse.", _decided("NO_WORSE")
-        ),
+        "model-cross-validation": Rule(COMPARISON, ERRORS, "It must predict rows no worse.", _decided("NO_WORSE")),
         "prediction-made-worse": Rule(
             COMPARISON, ERRORS, "A finding with which the machine predicts rows left out worse than plain is left out.",
             _decided("NO_WORSE"),

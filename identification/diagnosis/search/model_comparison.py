@@ -1,8 +1,9 @@
 """Comparison of whole models by their log evidence: searches that start from the alternatives of a finding.
 
 Forward selection is greedy: two effects together can look most like a third one, whose refinements then take up the
-rest. The search is therefore repeated from each strong alternative of a finding that needed refinements, and from a
-second cause where much of a finding was taken for its discrepancy. The model with the most evidence is kept.
+rest. The search is therefore repeated from each strong alternative of a finding that needed refinements, or that would
+itself need some, and from a second cause where much of a finding was taken for its discrepancy. The model with the most
+evidence is kept, and what the others have tells how likely another name is.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from identification.runtime.parallel import parallel_map
 from identification.runtime.progress import Progress, silent
 
 MOST_ALTERNATIVES = 3  # of a finding, from which the search is repeated
+MOST_ROUNDS = 2  # of searches: from the alternatives of the first model, and of the one that was chosen
 
 
 def compare_alternatives(
@@ -39,8 +41,10 @@ def compare_alternatives(
     log: DecisionLog = UNRECORDED,
     looked: Mapping[object, Array] | None = None,
     others: Iterable[list[Step]] = (),
-) -> EffectModel:
+) -> tuple[EffectModel, list[EffectModel]]:
     """The model with the most evidence among the given one and searches from its alternatives and second causes.
+
+    Also all models that were found.
 
     Parameters
     ----------
@@ -49,16 +53,47 @@ def compare_alternatives(
     """
     begin = [[*rest, alternative] for alternative, rest in _alternatives(model, log)]
     begin += [*_second_causes(model, candidates, log), *others]
+    found, begun = [model], set[object]()
+    for _ in range(MOST_ROUNDS):
+        begin = [steps for steps in begin if _keys(steps) not in begun]
+        best, more = _best_of_searches(model, begin, len(found), candidates, progress, log, looked)
+        found += more
+        if best is model:
+            break
+        begun |= {_keys(main for main, *_ in model.findings), *map(_keys, begin)}
+        model, begin = best, [[*rest, alternative] for alternative, rest in _alternatives(best, log)]
+    return model, found
+
+
+def _keys(steps: Iterable[Step]) -> frozenset[object]:
+    return frozenset(s.effect.key for s in steps)
+
+
+def _best_of_searches(
+    model: EffectModel,
+    begin: Sequence[list[Step]],
+    number: int,
+    candidates: Candidates,
+    progress: Progress,
+    log: DecisionLog,
+    looked: Mapping[object, Array] | None,
+) -> tuple[EffectModel, list[EffectModel]]:
+    """The best among a model and searches that begin with some steps, and what these found.
+
+    Parameters
+    ----------
+    number : of the first search.
+    """
     if not begin:
-        return model
+        return model, []
     # of a model with many steps few searches are begun, the first of all: each takes as long as the search before
     ends = np.cumsum([len(steps) for steps in begin]).tolist()
     for first, end in zip(begin[1:], ends[1:], strict=True):
         if end > MOST_STEPS:
             log.add("most-searches", "refused", first[-1].effect, end, MOST_STEPS)
     begin = [first for k, (first, end) in enumerate(zip(begin, ends, strict=True)) if not k or end <= MOST_STEPS]
-    logs = [log.branch(k) for k in range(1, len(begin) + 1)]
-    best = model
+    logs = [log.branch(number + k) for k in range(len(begin))]
+    best, models = model, list[EffectModel]()
     most = model.log_posterior
     lowest = most - CLEARLY
     with progress("Comparing alternative models"):
@@ -77,6 +112,7 @@ def compare_alternatives(
     chosen = log.search
     for own, steps in zip(logs, found, strict=True):
         other = replayed(model.start, steps)
+        models.append(other)
         value = other.log_posterior
         # near-ties go to the model that rests half as much on empirical terms, or else to the likelier of named ones
         forms, before = empirical_evidence(other), empirical_evidence(best)
@@ -95,7 +131,7 @@ def compare_alternatives(
         if better:
             best, most, chosen = other, value, own.search
     log.add("model-evidence", "kept", f"search {chosen}: {_effects(best)}")
-    return best
+    return best, models
 
 
 def _effects(model: EffectModel) -> str:
@@ -128,13 +164,13 @@ def empirical_evidence(model: EffectModel) -> float:
 def _alternatives(model: EffectModel, log: DecisionLog) -> Iterator[tuple[Step, list[Step]]]:
     """The strong alternatives of each finding, as steps of their own, with the steps of the others to search from."""
     groups = model.findings
-    if len(model.steps) < 2:
-        return
     for main, *refinements in groups:
         others = steps_of(g for g in groups if g[0] is not main)
         linear = model.without([main, *refinements])
         least = main.marginal - max(LEAST_EVIDENCE, NEAR * main.marginal if refinements else 0.0)
         able = [s for s in main.alternatives if _by_another_name(main.effect, s.effect) and s.evidence >= least]
+        if not refinements:  # one that fits as it stands in the textbook is what a search would find of it
+            able = [s for s in able if s.evidence_of_form > CLEARLY]
         for alternative in _best_of_names(able)[:MOST_ALTERNATIVES]:
             own = score_of(linear, alternative.effect)
             assert own is not None  # it was scored before

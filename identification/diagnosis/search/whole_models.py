@@ -1,0 +1,57 @@
+"""Evidence of a finding's other names by whole models: each with all that it needs beside it.
+
+A name that departs from its textbook form is scored by what such a departure could explain. What it does explain, a
+search shows that begins with the name; or, where no search did or the name was given up in it, the model with it in the
+finding's place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from identification.diagnosis.decisions.constants import LEAST_EVIDENCE
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
+from identification.diagnosis.search.model import EffectModel, of_groups
+from identification.diagnosis.search.scoring import Step, posterior
+
+
+def weighed_as_whole(model: EffectModel, found: Sequence[EffectModel], log: DecisionLog = UNRECORDED) -> EffectModel:
+    """The model with the evidence of other names of its findings as far as whole models with them have it.
+
+    Parameters
+    ----------
+    found : models that searches have found, of the same linear model.
+    """
+    groups = model.findings
+    for k, (main, *more) in enumerate(groups):
+        if main.effect.empirical:
+            continue
+        weighed = list[Step]()
+        for other in main.alternatives:
+            if other.effect.empirical or posterior(other) < posterior(main) - LEAST_EVIDENCE:
+                weighed.append(other)
+                continue
+            lead = max([_replaced(model, k, other), *(_instead(model, main, other, m) for m in found)])
+            log.add("whole-model", "compared", other.effect, lead, beside=main.effect)
+            evidence = max(main.evidence + lead + main.log_prior - other.log_prior, 0.0)
+            weighed.append(replace(other, evidence=evidence))
+        weighed.sort(key=lambda s: -s.evidence)
+        groups[k] = [replace(main, alternatives=tuple(weighed)), *more]
+    return of_groups(model.start, groups)
+
+
+def _replaced(model: EffectModel, number: int, other: Step) -> float:
+    """Log posterior of the model with another name in a finding's place, over its own."""
+    groups = model.findings
+    groups[number] = [replace(other, parent=None), *groups[number][1:]]
+    return of_groups(model.start, groups).log_posterior - model.log_posterior
+
+
+def _instead(model: EffectModel, main: Step, other: Step, found: EffectModel) -> float:
+    """Log posterior over the model's of one that was found, if it has another name and not the finding's."""
+    names = {(g[0].effect.effect, g[0].effect.where) for g in found.findings}
+    own, instead = ((s.effect.effect, s.effect.where) for s in (main, other))
+    if instead not in names or own in names:
+        return float("-inf")
+    return found.log_posterior - model.log_posterior
