@@ -345,3 +345,19 @@ def test_a_table_that_was_copied_below_itself_is_refused(sound: Path, tmp_path: 
     repeated[XYZ] += np.random.default_rng(3).normal(0, 0.003, (240, 3)).round(4)
     repeated.to_csv(tmp_path / "twice.csv", index=False)
     done("fit", sound / "m.yaml", tmp_path / "twice.csv", "--out", tmp_path / "t")
+
+
+@pytest.mark.parametrize("two_stations", [False, True])
+def test_error_motions_of_a_joint_between_positions_have_no_place(
+    sound: Path, tmp_path: Path, two_stations: bool
+) -> None:
+    """What is read of one joint alone needs no commands of the others: only positions can be in a wrong frame."""
+    positions = pd.read_csv(sound / "s.csv")
+    positions = moved(positions) if two_stations else positions
+    motions = pd.DataFrame({"joint": "X", "X": np.linspace(0, 800, 9), "dx": 0.0, "dy": 0.0, "ea": 0.0})
+    both = pd.concat([positions[:50], motions, positions[50:]], ignore_index=True)
+    both.to_csv(tmp_path / "s.csv", index=False)
+    told = run("diagnose", sound / "m.yaml", tmp_path / "s.csv", "--out", tmp_path / "d", "--quiet")
+    assert told.code == (2 if two_stations else 0), told.err
+    if two_stations:
+        assert "rows 90 to 129 lie in another measuring frame" in told.err

@@ -52,7 +52,9 @@ def wrong_rows(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> B
         Rows were measured in another frame, which the survey must say.
     """
     points = Points.of(chain, sheet(chain, survey.table), survey.frame == "fixed")
-    parts = [_Part(chain, survey, points.part(rows), rows) for rows in groups(survey, gaps=True)]
+    placed = np.isfinite(points.nominal).all(axis=1)  # error motions of one joint are read wherever the others are
+    every = (rows[placed[rows]] for rows in groups(survey, gaps=True))
+    parts = [_Part(chain, survey, points.part(rows), rows) for rows in every]
     for part in parts:
         if part.seen.sum() < FEWEST:
             continue
