@@ -1,7 +1,12 @@
-"""Whether the machine rested between a recording and later commands: taken so, and half of its effect uncertain."""
+"""Whether the machine rested between a recording and later commands.
+
+If it did so in the recording, it is taken to have rested again. Else nothing tells: resting and working on are equally
+likely, and the mean of both is predicted. Half of the difference is uncertain.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -16,12 +21,16 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def _rested(chain: Chain, channels: list[Array]) -> Iterator[tuple[int, float, Index]]:
-    """Channels of resumed work: number, the recording's end (s), and the rows after a rest that followed it."""
+def _rested(chain: Chain, channels: list[Array]) -> Iterator[tuple[int, float, Index, bool]]:
+    """Channels of resumed work: number, the recording's end (s), the rows later than by a step, and whether it rests.
+
+    It does if it rested in the recording.
+    """
+    ends = [float(str(e.options.get("until", math.nan))) for e in chain.machine.effects if e.options.get("rests")]
     for number, name in enumerate(chain.channels):
         call = RESUMED_CHANNEL.fullmatch(name)
         if call and len(rows := np.flatnonzero(channels[number] > float(call[1]))):
-            yield number, float(call[1]), rows
+            yield number, float(call[1]), rows, any(math.isclose(end, float(call[1]), rel_tol=1e-9) for end in ends)
 
 
 def with_other_use(
@@ -31,7 +40,9 @@ def with_other_use(
     predicted: Array,
     predict: Predict,
 ) -> Array:
-    """Predictions (n, 9), half of whose difference from those of a machine that worked on is in their uncertainty.
+    """Predictions (n, 9) of a machine that rested, or the mean of these and those of one that worked on.
+
+    Half of the difference is in their uncertainty.
 
     Parameters
     ----------
@@ -41,22 +52,32 @@ def with_other_use(
     predict : such predictions of other rows, from their channels and labels.
     """
     out = predicted.copy()
-    for number, until, rows in _rested(chain, channels):
+    for number, until, rows, rests in _rested(chain, channels):
         worked_on = {number: np.full(len(rows), until)}
         half = half_change(channels, labels, predicted, predict, rows, worked_on)
+        if not rests:
+            out[rows, :6] += half
         out[rows, 6:] = np.hypot(out[rows, 6:], half[:, :3])
     return out
 
 
 def rested(chain: Chain, table: pd.DataFrame) -> Iterator[str]:
-    """A note on commands that come so long after the recording that the machine is taken to have rested before them."""
+    """A note on commands that come so long after the recording that the machine may have rested before them."""
     if not any(map(RESUMED_CHANNEL.fullmatch, chain.channels)):
         return
     channels = chain.columns(table)
-    for number, until, rows in _rested(chain, channels):
+    for number, until, rows, rests in _rested(chain, channels):
         pause = (float(channels[number][rows[0]]) - until) / 3600
-        yield (
-            f"the rows begin {pause:.2g} h after the recording's end: the machine is taken to have rested until then, "
-            "and what warms up by its work to begin anew. If it worked on, take until out of the effect; half of what "
-            "that changes is in the uncertainty"
-        )
+        begin = f"the rows begin {pause:.2g} h after the recording's end: "
+        if rests:
+            yield (
+                f"{begin}the machine is taken to have rested until then, as it did in the recording, and what warms "
+                "up by its work to begin anew. If it worked on, take until out of the effect; half of what that "
+                "changes is in the uncertainty"
+            )
+        else:
+            yield (
+                f"{begin}whether the machine rested until then, so that what warms up by its work begins anew, or "
+                "worked on, nothing tells. The mean of both is predicted, and half of their difference is in the "
+                "uncertainty. If it worked on, take until out of the effect"
+            )

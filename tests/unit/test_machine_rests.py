@@ -75,8 +75,10 @@ def test_rests_follow_one_another() -> None:
         make(EffectSpec("warm-up", {"rests": [[3000, 6600], [5000, 7000]]}))
 
 
-def test_later_commands_after_a_rest_begin_cold_and_say_so() -> None:
-    spec = EffectSpec("warm-up", {"tau": TAU, "until": END, "step": STEP})
+@pytest.mark.parametrize(("own_rests", "share"), [([[3000, 6600]], 0.0), ([], 0.5)])
+def test_later_commands_after_a_rest_begin_cold_and_say_so(own_rests: list[list[float]], share: float) -> None:
+    """A machine that rested in the recording has done so again; of another nothing tells, and the mean is predicted."""
+    spec = EffectSpec("warm-up", {"tau": TAU, "rests": own_rests, "until": END, "step": STEP})
     chain = Chain(replace(read_machine("vertical_three_axis"), effects=(spec,)))
     name = resumed_name(END, STEP)
     assert name in chain.channels
@@ -95,11 +97,13 @@ def test_later_commands_after_a_rest_begin_cold_and_say_so() -> None:
     grown = np.linalg.norm(cold[:, :3], axis=1)
     np.testing.assert_allclose(grown, 0.02 * (1 - np.exp(-30.0 * np.arange(40) / TAU)), atol=2e-6)
     out = with_other_use(chain, channels, np.zeros(40), cold, predict)
-    np.testing.assert_array_equal(out[:, :6], cold[:, :6])
     warm = 0.02 * np.exp(-30.0 * np.arange(40) / TAU)  # which it would be more, had it worked on
+    for own in (slice(0, 3), slice(3, 6)):
+        np.testing.assert_allclose(np.linalg.norm(out[:, own], axis=1), grown + share * warm, rtol=2e-3)
     np.testing.assert_allclose(np.linalg.norm(out[:, 6:], axis=1), np.hypot(warm / 2, 1e-3 * 3**0.5), rtol=2e-3)
     (note,) = rested(chain, table)
-    assert note.startswith("the rows begin 12 h after the recording's end: the machine is taken to have rested")
+    words = "whether the machine rested" if share else "the machine is taken to have rested"
+    assert note.startswith(f"the rows begin 12 h after the recording's end: {words}")
     soon = table.assign(time=END + 30.0 * np.arange(40))
     assert not list(rested(chain, soon))
     np.testing.assert_array_equal(with_other_use(chain, chain.columns(soon), np.zeros(40), cold, predict), cold)

@@ -52,7 +52,8 @@ def wrong_rows(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> B
         Rows were measured in another frame, which the survey must say.
     """
     points = Points.of(chain, sheet(chain, survey.table), survey.frame == "fixed")
-    placed = np.isfinite(points.nominal).all(axis=1)  # error motions of one joint are read wherever the others are
+    # error motions of one joint are read wherever the others are
+    placed = np.asarray(np.isfinite(points.nominal).all(axis=1))
     every = (rows[placed[rows]] for rows in groups(survey, gaps=True))
     parts = [_Part(chain, survey, points.part(rows), rows) for rows in every]
     for part in parts:
