@@ -6,7 +6,7 @@ import pytest
 
 from errormodel.effects import make
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.spindle_growth import heats
+from errormodel.effects.spindle_growth import heats, of_spindle
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.diagnosis.linear.of_fit import set_up
@@ -53,3 +53,19 @@ def test_a_channel_that_heats_the_spindle(name: str) -> None:
 def test_a_channel_that_does_not(name: str) -> None:
     """A level on the spindle is a witness of its motion; a speed or a current may be of anything."""
     assert not heats(name)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "own"),
+    [
+        ("T_spindle_nose", True),
+        ("T_bearing", True),
+        ("T_bearing_front", True),
+        ("T_Lager_2", True),
+        ("T_table_bearing", False),
+        ("T_bearing_X", False),
+        ("T_bed", False),
+    ],
+)
+def test_a_sensor_at_a_bearing_of_no_other_member_is_the_spindles(sensor: str, own: bool) -> None:
+    assert of_spindle(sensor) is own
