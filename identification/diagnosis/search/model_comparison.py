@@ -212,6 +212,8 @@ def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog)
                 begun.add(s.effect.key)
                 log.add("second-cause", "examined", s.effect, s.evidence, LEAST_EVIDENCE, beside=main.effect)
                 yield [*others, replace(s, parent=None)]
+        if one_sensor(main.effect, main.effect):  # one source of heat is one cause of what its member does
+            continue
         if both := _two_of_one_joint(model.start, main.effect, others, candidates):
             log.add("second-cause", "examined", both[-1].effect, both[-1].evidence, beside=both[-2].effect)
             yield both
