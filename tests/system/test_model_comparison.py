@@ -26,7 +26,7 @@ from identification.diagnosis.search.model_comparison import compare_alternative
 from identification.diagnosis.search.refinement import refined
 from identification.diagnosis.search.scoring import DECIMALS, Step, posterior
 from identification.diagnosis.search.shape_fit import optimise_shapes, scored
-from identification.diagnosis.search.whole_models import weighed_as_whole
+from identification.diagnosis.search.whole_models import Whole, weighed_as_whole
 from identification.estimation.fit import fit_machine
 from tests.helpers.diagnosed import empty_survey, showing
 from tests.helpers.nightly import first_of
@@ -194,7 +194,7 @@ def test_another_name_is_as_likely_as_a_whole_model_with_it() -> None:
     refined = replayed(linear, [other, Step(bent, 0.0, 0.0, 0.0, parent=0)])
     assert lead(model) > -LEAST_EVIDENCE  # by what its departure could explain
     for found, whole in (([], replayed(linear, [other])), ([model, refined], refined)):
-        weighed = weighed_as_whole(model, found)
+        weighed = weighed_as_whole(model, [*map(Whole.of, found)])
         assert lead(weighed) == pytest.approx(whole.log_posterior - model.log_posterior, abs=1e-3)
     assert lead(weighed_as_whole(model, [])) < -LEAST_EVIDENCE
 

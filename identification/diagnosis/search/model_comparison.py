@@ -27,6 +27,7 @@ from identification.diagnosis.search.model import EffectModel, replayed, steps_o
 from identification.diagnosis.search.refinement import apart, distinct
 from identification.diagnosis.search.scoring import Step, choose
 from identification.diagnosis.search.shape_fit import optimise_shapes
+from identification.diagnosis.search.whole_models import Whole
 from identification.runtime.parallel import parallel_map
 from identification.runtime.progress import Progress, silent
 
@@ -41,10 +42,10 @@ def compare_alternatives(
     log: DecisionLog = UNRECORDED,
     looked: Mapping[object, Array] | None = None,
     others: Iterable[list[Step]] = (),
-) -> tuple[EffectModel, list[EffectModel]]:
+) -> tuple[EffectModel, list[Whole]]:
     """The model with the most evidence among the given one and searches from its alternatives and second causes.
 
-    Also all models that were found.
+    Also of all models that were found what they are called, and their log posterior.
 
     Parameters
     ----------
@@ -53,7 +54,7 @@ def compare_alternatives(
     """
     begin = [[*rest, alternative] for alternative, rest in _alternatives(model, log)]
     begin += [*_second_causes(model, candidates, log), *others]
-    found, begun = [model], set[object]()
+    found, begun = [Whole.of(model)], set[object]()
     for _ in range(MOST_ROUNDS):
         begin = [steps for steps in begin if _keys(steps) not in begun]
         best, more = _best_of_searches(model, begin, len(found), candidates, progress, log, looked)
@@ -77,7 +78,7 @@ def _best_of_searches(
     progress: Progress,
     log: DecisionLog,
     looked: Mapping[object, Array] | None,
-) -> tuple[EffectModel, list[EffectModel]]:
+) -> tuple[EffectModel, list[Whole]]:
     """The best among a model and searches that begin with some steps, and what these found.
 
     Parameters
@@ -93,7 +94,7 @@ def _best_of_searches(
             log.add("most-searches", "refused", first[-1].effect, end, MOST_STEPS)
     begin = [first for k, (first, end) in enumerate(zip(begin, ends, strict=True)) if not k or end <= MOST_STEPS]
     logs = [log.branch(number + k) for k in range(len(begin))]
-    best, models = model, list[EffectModel]()
+    best, models = model, list[Whole]()
     most = model.log_posterior
     lowest = most - CLEARLY
     with progress("Comparing alternative models"):
@@ -112,7 +113,7 @@ def _best_of_searches(
     chosen = log.search
     for own, steps in zip(logs, found, strict=True):
         other = replayed(model.start, steps)
-        models.append(other)
+        models.append(Whole.of(other))
         value = other.log_posterior
         # near-ties go to the model that rests half as much on empirical terms, or else to the likelier of named ones
         forms, before = empirical_evidence(other), empirical_evidence(best)

@@ -8,7 +8,7 @@ finding's place.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from identification.diagnosis.decisions.constants import LEAST_EVIDENCE
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
@@ -16,7 +16,19 @@ from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.scoring import Step, posterior
 
 
-def weighed_as_whole(model: EffectModel, found: Sequence[EffectModel], log: DecisionLog = UNRECORDED) -> EffectModel:
+@dataclass(frozen=True)
+class Whole:
+    """Names and places of a model's findings, and its log posterior: of an arm the model itself takes 100 MB."""
+
+    names: frozenset[tuple[str, str]]
+    log_posterior: float
+
+    @classmethod
+    def of(cls, model: EffectModel) -> Whole:
+        return cls(frozenset(_name(main) for main, *_ in model.findings), model.log_posterior)
+
+
+def weighed_as_whole(model: EffectModel, found: Sequence[Whole], log: DecisionLog = UNRECORDED) -> EffectModel:
     """The model with the evidence of other names of its findings as far as whole models with them have it.
 
     Parameters
@@ -48,10 +60,11 @@ def _replaced(model: EffectModel, number: int, other: Step) -> float:
     return of_groups(model.start, groups).log_posterior - model.log_posterior
 
 
-def _instead(model: EffectModel, main: Step, other: Step, found: EffectModel) -> float:
+def _instead(model: EffectModel, main: Step, other: Step, found: Whole) -> float:
     """Log posterior over the model's of one that was found, if it has another name and not the finding's."""
-    names = {(g[0].effect.effect, g[0].effect.where) for g in found.findings}
-    own, instead = ((s.effect.effect, s.effect.where) for s in (main, other))
-    if instead not in names or own in names:
-        return float("-inf")
-    return found.log_posterior - model.log_posterior
+    there = _name(other) in found.names and _name(main) not in found.names
+    return found.log_posterior - model.log_posterior if there else float("-inf")
+
+
+def _name(step: Step) -> tuple[str, str]:
+    return step.effect.effect, step.effect.where
