@@ -6,7 +6,6 @@ likely, and the mean of both is predicted. Half of the difference is uncertain.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,9 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
-from errormodel.machine_rests import RESUMED_CHANNEL
+from errormodel.effects import make
+from errormodel.effects.warm_up import WarmUp
+from errormodel.machine_rests import RESUMED_CHANNEL, resumed_name
 from identification.uncertainty.other_assumption import Predict, half_change
 
 if TYPE_CHECKING:
@@ -26,11 +27,12 @@ def _rested(chain: Chain, channels: list[Array]) -> Iterator[tuple[int, float, I
 
     It does if it rested in the recording.
     """
-    ends = [float(str(e.options.get("until", math.nan))) for e in chain.machine.effects if e.options.get("rests")]
+    warm = (e for e in map(make, chain.machine.effects) if isinstance(e, WarmUp))
+    resting = {resumed_name(e.until, e.step) for e in warm if e.rests and e.until is not None}
     for number, name in enumerate(chain.channels):
         call = RESUMED_CHANNEL.fullmatch(name)
         if call and len(rows := np.flatnonzero(channels[number] > float(call[1]))):
-            yield number, float(call[1]), rows, any(math.isclose(end, float(call[1]), rel_tol=1e-9) for end in ends)
+            yield number, float(call[1]), rows, name in resting
 
 
 def with_other_use(
@@ -68,16 +70,13 @@ def rested(chain: Chain, table: pd.DataFrame) -> Iterator[str]:
     channels = chain.columns(table)
     for number, until, rows, rests in _rested(chain, channels):
         pause = (float(channels[number][rows[0]]) - until) / 3600
-        begin = f"the rows begin {pause:.2g} h after the recording's end: "
-        if rests:
-            yield (
-                f"{begin}the machine is taken to have rested until then, as it did in the recording, and what warms "
-                "up by its work to begin anew. If it worked on, take until out of the effect; half of what that "
-                "changes is in the uncertainty"
-            )
-        else:
-            yield (
-                f"{begin}whether the machine rested until then, so that what warms up by its work begins anew, or "
-                "worked on, nothing tells. The mean of both is predicted, and half of their difference is in the "
-                "uncertainty. If it worked on, take until out of the effect"
-            )
+        taken = (
+            "the machine is taken to have rested until then, as it did in the recording, and what warms up by its work "
+            "to begin anew. If it worked on, take until out of the effect; half of what that changes is in the "
+            "uncertainty"
+            if rests
+            else "whether the machine rested until then, so that what warms up by its work begins anew, or worked on, "
+            "nothing tells. The mean of both is predicted, and half of their difference is in the uncertainty. If it "
+            "worked on, take until out of the effect"
+        )
+        yield f"the rows begin {pause:.2g} h after the recording's end: {taken}"

@@ -132,8 +132,8 @@ def test_what_looked_like_a_findings_own_form_is_a_second_cause() -> None:
     candidates = Candidates.of(linear)
     form = Unnamed(element="X", motion="dx", driver="T_1", center=21.0, half_range=2.0)
     taken = [Step(make(specs[0]), 100.0, 100.0, 0.5), Step(form, 50.0, 50.0, 0.5, parent=0)]
-    told, _ = compare_alternatives(replayed(linear, taken), candidates)
-    assert {(main.effect.effect, main.effect.where) for main, *_ in told.findings} >= {
+    chosen, _ = compare_alternatives(replayed(linear, taken), candidates)
+    assert {(main.effect.effect, main.effect.where) for main, *_ in chosen.findings} >= {
         ("scale-expansion", "X"),
         ("structure-drift", "head"),
     }
@@ -152,9 +152,9 @@ def test_two_names_before_a_form_that_does_for_both() -> None:
     model = forward_select(linear, candidates)
     assert model.steps[0].effect.empirical  # it explains more than either of the two
     assert empirical_evidence(model) > 100
-    told, _ = compare_alternatives(model, candidates)
-    assert {main.effect.effect for main, *_ in told.findings} == {"backlash", "servo-lag"}
-    assert empirical_evidence(told) == 0
+    chosen, _ = compare_alternatives(model, candidates)
+    assert {main.effect.effect for main, *_ in chosen.findings} == {"backlash", "servo-lag"}
+    assert empirical_evidence(chosen) == 0
 
 
 def test_two_effects_of_one_joint_hide_in_each_other() -> None:

@@ -357,7 +357,7 @@ def test_error_motions_of_a_joint_between_positions_have_no_place(
     motions = pd.DataFrame({"joint": "X", "X": np.linspace(0, 800, 9), "dx": 0.0, "dy": 0.0, "ea": 0.0})
     both = pd.concat([positions[:50], motions, positions[50:]], ignore_index=True)
     both.to_csv(tmp_path / "s.csv", index=False)
-    told = run("diagnose", sound / "m.yaml", tmp_path / "s.csv", "--out", tmp_path / "d", "--quiet")
-    assert told.code == (2 if two_stations else 0), told.err
+    result = run("diagnose", sound / "m.yaml", tmp_path / "s.csv", "--out", tmp_path / "d", "--quiet")
+    assert result.code == (2 if two_stations else 0), result.err
     if two_stations:
-        assert "rows 90 to 129 lie in another measuring frame" in told.err
+        assert "rows 90 to 129 lie in another measuring frame" in result.err

@@ -32,7 +32,6 @@ from identification.runtime.parallel import parallel_map
 from identification.runtime.progress import Progress, silent
 
 MOST_ALTERNATIVES = 3  # of a finding, from which the search is repeated
-MOST_ROUNDS = 2  # of searches: from the alternatives of the first model, and of the one that was chosen
 
 
 def compare_alternatives(
@@ -52,18 +51,14 @@ def compare_alternatives(
     others : steps from which to search as well.
     looked : of findings that the first search compared with others, what was fitted of them then (`reselect`).
     """
-    begin = [[*rest, alternative] for alternative, rest in _alternatives(model, log)]
-    begin += [*_second_causes(model, candidates, log), *others]
-    found, begun = [Whole.of(model)], set[object]()
-    for _ in range(MOST_ROUNDS):
-        begin = [steps for steps in begin if _keys(steps) not in begun]
-        best, more = _best_of_searches(model, begin, len(found), candidates, progress, log, looked)
+    begin = [*_alternatives(model, log), *_second_causes(model, candidates, log), *others]
+    best, found = _best_of_searches(model, begin, 1, candidates, progress, log, looked)
+    if best is not model:  # it has alternatives of its own
+        begun = {_keys(main for main, *_ in model.findings), *map(_keys, begin)}
+        again = [steps for steps in _alternatives(best, log) if _keys(steps) not in begun]
+        best, more = _best_of_searches(best, again, 1 + len(found), candidates, progress, log, looked)
         found += more
-        if best is model:
-            break
-        begun |= {_keys(main for main, *_ in model.findings), *map(_keys, begin)}
-        model, begin = best, [[*rest, alternative] for alternative, rest in _alternatives(best, log)]
-    return model, found
+    return best, [Whole.of(model), *found]
 
 
 def _keys(steps: Iterable[Step]) -> frozenset[object]:
@@ -162,8 +157,8 @@ def empirical_evidence(model: EffectModel) -> float:
     )
 
 
-def _alternatives(model: EffectModel, log: DecisionLog) -> Iterator[tuple[Step, list[Step]]]:
-    """The strong alternatives of each finding, as steps of their own, with the steps of the others to search from."""
+def _alternatives(model: EffectModel, log: DecisionLog) -> Iterator[list[Step]]:
+    """Steps to search from: a strong alternative of each finding, after the steps of the others."""
     groups = model.findings
     for main, *refinements in groups:
         others = steps_of(g for g in groups if g[0] is not main)
@@ -179,7 +174,7 @@ def _alternatives(model: EffectModel, log: DecisionLog) -> Iterator[tuple[Step, 
             log.add(
                 "strong-alternative", "examined", alternative.effect, alternative.evidence, least, beside=main.effect
             )
-            yield replace(alternative, delta_chi2=gained, absorbed=absorbed), others
+            yield [*others, replace(alternative, delta_chi2=gained, absorbed=absorbed)]
 
 
 def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog) -> Iterator[list[Step]]:

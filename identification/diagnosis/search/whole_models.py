@@ -11,21 +11,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from identification.diagnosis.decisions.constants import LEAST_EVIDENCE
-from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, named
 from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.scoring import Step, posterior
 
 
 @dataclass(frozen=True)
 class Whole:
-    """Names and places of a model's findings, and its log posterior: of an arm the model itself takes 100 MB."""
+    """A model's findings (``effect@where``), and its log posterior: of an arm the model itself takes 100 MB."""
 
-    names: frozenset[tuple[str, str]]
+    names: frozenset[str]
     log_posterior: float
 
     @classmethod
     def of(cls, model: EffectModel) -> Whole:
-        return cls(frozenset(_name(main) for main, *_ in model.findings), model.log_posterior)
+        return cls(frozenset(named(main.effect) for main, *_ in model.findings), model.log_posterior)
 
 
 def weighed_as_whole(model: EffectModel, found: Sequence[Whole], log: DecisionLog = UNRECORDED) -> EffectModel:
@@ -62,9 +62,5 @@ def _replaced(model: EffectModel, number: int, other: Step) -> float:
 
 def _instead(model: EffectModel, main: Step, other: Step, found: Whole) -> float:
     """Log posterior over the model's of one that was found, if it has another name and not the finding's."""
-    there = _name(other) in found.names and _name(main) not in found.names
+    there = named(other.effect) in found.names and named(main.effect) not in found.names
     return found.log_posterior - model.log_posterior if there else float("-inf")
-
-
-def _name(step: Step) -> tuple[str, str]:
-    return step.effect.effect, step.effect.where
