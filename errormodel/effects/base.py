@@ -244,6 +244,11 @@ class Effect(BaseModel, ABC):
         return ""
 
     @property
+    def rested(self) -> frozenset[str]:
+        """Channels of work resumed after a recording that it has, if the machine rested in that recording."""
+        return frozenset()
+
+    @property
     def motion_form(self) -> str:
         """In words which of several forms at one place it is; empty where there is one."""
         return ""

@@ -87,6 +87,10 @@ class WarmUp(Effect):
     def drivers(self) -> tuple[str, ...]:
         return ("time",)
 
+    @property
+    def rested(self) -> frozenset[str]:
+        return frozenset({resumed_name(self.until, self.step)} if self.rests and self.until is not None else ())
+
     def cost(self, scene: Scene) -> float:
         """Where temperatures were recorded one of them usually shows what warms."""
         whole = self.element is not None and self.motion == "all"

@@ -14,8 +14,7 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.effects import make
-from errormodel.effects.warm_up import WarmUp
-from errormodel.machine_rests import RESUMED_CHANNEL, resumed_name
+from errormodel.machine_rests import RESUMED_CHANNEL
 from identification.uncertainty.other_assumption import Predict, half_change
 
 if TYPE_CHECKING:
@@ -27,8 +26,7 @@ def _rested(chain: Chain, channels: list[Array]) -> Iterator[tuple[int, float, I
 
     It does if it rested in the recording.
     """
-    warm = (e for e in map(make, chain.machine.effects) if isinstance(e, WarmUp))
-    resting = {resumed_name(e.until, e.step) for e in warm if e.rests and e.until is not None}
+    resting = frozenset[str]().union(*(make(e).rested for e in chain.machine.effects))
     for number, name in enumerate(chain.channels):
         call = RESUMED_CHANNEL.fullmatch(name)
         if call and len(rows := np.flatnonzero(channels[number] > float(call[1]))):
