@@ -57,16 +57,15 @@ def align(
         return align_measured_components(nominal, measured, w, largest)
     a, b, w = nominal[full], measured[full], w[full]
     pose = _kabsch(a, b, w)
-    counted = w
+    counted, reached = w, pose.apply(a)
     least = 1e-8 * float(np.abs(a).max())  # the closed form is exact to 1e-10
     for _ in range(rounds if len(a) > 6 else 0):  # with fewer points, the inliers might not determine a frame
-        distance = np.linalg.norm(b - pose.apply(a), axis=1)
+        distance = np.linalg.norm(b - reached, axis=1)
         scale = max(3.0 * float(np.median(distance)), least, 1e-9)
         counted = w / (1 + (distance / scale) ** 2)
-        new = _kabsch(a, b, counted)
-        done = np.abs(new.apply(a) - pose.apply(a)).max() < 1e-6 * scale
-        pose = new
-        if done:
+        pose, before = _kabsch(a, b, counted), reached
+        reached = pose.apply(a)
+        if np.abs(reached - before).max() < 1e-6 * scale:
             break
     return _as_far_as_determined(a, b, counted, pose, largest)
 
@@ -87,14 +86,15 @@ def _as_far_as_determined(a: Array, b: Array, w: Array, best: Pose, largest: flo
     rank = min(int(seen.sum()), 2)  # a plane determines all three rotations, a line two
     poses = {rank: best if rank == 2 else _of_rank(a, b, w, axes, rank)}
     while rank:
-        lower = poses[rank - 1] = _of_rank(a, b, w, axes, rank - 1)
-        misfit, without = (float(square @ np.square(b - p.apply(a)).sum(axis=1)) for p in (poses[rank], lower))
+        misfit = float(square @ np.square(b - poses[rank].apply(a)).sum(axis=1))
         more = 3 - rank  # rotations added by this direction: two for a line, one for a plane
         free = 3 * len(a) - 3 - (2 if rank == 1 else 3)
         coordinate = np.sqrt(misfit * len(a) / free) if free > 0 else np.inf
         upper = coordinate * np.sqrt(free / chdtri(free, MISFIT_CONFIDENCE)) if free > 0 else np.inf
         if spread[rank - 1] >= ROTATION_SPREAD_RATIO * min(upper, largest):
             break
+        lower = poses[rank - 1] = _of_rank(a, b, w, axes, rank - 1)
+        without = float(square @ np.square(b - lower.apply(a)).sum(axis=1))
         beyond = (
             (without - misfit) / more > fdtri(more, free, 1 - FALSE_ROTATION_PROBABILITY) * misfit / free
             if free > 0
@@ -133,15 +133,14 @@ def _of_rank(a: Array, b: Array, w: Array, axes: Array, rank: int) -> Pose:
 
 
 def _kabsch(a: Array, b: Array, w: Array) -> Pose:
-    from scipy.spatial.transform import Rotation
-
+    """Umeyama, "Least-squares estimation of transformation parameters", 1991: without a scale."""
     w = w**2 / (w**2).sum()
     middle_a, middle_b = w @ a, w @ b
     cross = (b - middle_b).T @ ((a - middle_a) * w[:, None])
     # directions that stay where they are, of very little weight: what the points leave open is no rotation
-    still = np.full(3, 1e-10 * (float(np.linalg.norm(cross)) + 1e-12))
-    measured, nominal = (np.vstack([part, np.eye(3)]) for part in (b - middle_b, a - middle_a))
-    rotation = Rotation.align_vectors(measured, nominal, np.append(w, still))[0].as_matrix()
+    left, _, right = np.linalg.svd(cross + 1e-10 * (float(np.linalg.norm(cross)) + 1e-12) * np.eye(3))
+    left[:, 2] *= np.sign(np.linalg.det(left) * np.linalg.det(right))  # a rotation, no reflection
+    rotation = left @ right
     return Pose(rotation, middle_b - rotation @ middle_a)
 
 

@@ -102,6 +102,7 @@ def test_tables_for_a_controller(survey: pd.DataFrame, tmp_path: Path) -> None:
     assert {p.name for p in (tmp_path / "tables").iterdir()} >= {Path(name).name for name in result.files}
 
 
+@pytest.mark.long
 def test_a_plan_and_a_description() -> None:
     assert describe(FIVE).groups.rank == 32
     result = plan(MILL, 30)
@@ -145,6 +146,7 @@ def test_importing_costs_nothing() -> None:
     assert not {"numpy", "casadi", "pandas", "scipy", "matplotlib"} & set(seen.split())
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:Estimated shape parameter of Pareto")  # 30 parameters of 90 rows: some decide much
 def test_a_posterior_that_arviz_takes(survey: pd.DataFrame, tmp_path: Path) -> None:
     import arviz_stats
@@ -236,6 +238,7 @@ def test_predictions_say_what_was_assumed(survey: pd.DataFrame, tmp_path: Path) 
         assert any("3 points lie beyond what was measured of X" in note for note in known.predict(far).attrs["notes"])
 
 
+@pytest.mark.long
 def test_what_is_printed_is_what_the_command_line_prints(survey: pd.DataFrame, tmp_path: Path) -> None:
     survey.to_csv(tmp_path / "s.csv", index=False)
     model = read_machine(MILL)

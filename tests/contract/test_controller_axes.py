@@ -25,6 +25,7 @@ from errormodel.machine_file import read_machine
 from identification.compensation.field import Field, movers_of
 from identification.compensation.volume import Volume
 from tests.helpers.commands import done, run
+from tests.helpers.nightly import first_of
 
 STEPS = {"X": 100.0, "Y": 50.0, "Z": 25.0}  # of a table of each axis, by which it is known again
 CHAINS = {  # joints in the order of the chain, and the numbers that controls count from 1
@@ -79,7 +80,7 @@ def tables_by_number(name: str, setup: Setup) -> dict[int, float]:
     return {int(n): int(length) / int(count) / 1000 for count, n, length in found}
 
 
-@pytest.mark.parametrize("machine", CHAINS)
+@pytest.mark.parametrize("machine", first_of(CHAINS, 2))
 @pytest.mark.parametrize("name", ["linuxcnc-type0", "linuxcnc-type1", "fanuc-pitch", "aerotech-1d", "pmac"])
 def test_numbers_follow_the_letters_and_not_the_chain(name: str, machine: str) -> None:
     chain, numbers = CHAINS[machine]

@@ -105,6 +105,7 @@ def test_many_shapes_at_once_are_those_one_by_one(word: str) -> None:
             np.testing.assert_array_equal(swept, one)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("word", WORDS)
 def test_columns_of_m_are_derivatives_and_effects_are_linear(word: str) -> None:
     machine, _ = example(word)

@@ -58,6 +58,7 @@ def test_results_are_the_same_without_extras(tmp_path: Path) -> None:
     assert tree(tmp_path / "w/fit") == here
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("words", "package", "extra"),
     [

@@ -61,6 +61,7 @@ def test_empty_cells_are_no_note(table: pd.DataFrame, tmp_path: Path) -> None:
     assert not read(table, tmp_path).notes
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("value", [-9999, 9999, -999.9, -99999, 9999.99, -9999999])
 def test_a_placeholder_is_not_measured(value: float, table: pd.DataFrame, tmp_path: Path) -> None:
     rows = [4, 30, 50]
@@ -268,6 +269,7 @@ def test_a_gap_that_neighbours_do_not_show_stays_one(spoil: object, table: pd.Da
     assert not any("interpolated" in note for note in survey.notes)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.02, 0.3])
 def test_diagnose_with_gaps_of_a_sensor(share: float, tmp_path: Path) -> None:
     """Few gaps leave the sensor a cause; with many it is none, and what cannot be seen says why."""

@@ -23,6 +23,7 @@ from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
 from tests.helpers.lengths import commands, standardised, truth
 from tests.helpers.lengths import survey as survey_of
+from tests.helpers.nightly import first_of
 
 KINDS = registry()
 STEPS = {"mm": 1e-2, "rad": 1e-4, "1": 1e-4, "rad/mm": 1e-7}
@@ -71,7 +72,7 @@ def test_quantities_keep_their_order_and_those_of_a_point_exist(word: str) -> No
     assert all(q.unit in ("mm", "rad", "1") for q in observation.quantities())
 
 
-@pytest.mark.parametrize("machine_name", MACHINES)
+@pytest.mark.parametrize("machine_name", first_of(MACHINES))
 @pytest.mark.parametrize("word", KINDS)
 def test_derivatives_are_those_of_the_reading(word: str, machine_name: str) -> None:
     """By parameters, by quantities of the set-up and by levers: central differences of the exact reading."""
@@ -104,6 +105,7 @@ def _views(chain: Chain, survey: Survey):  # type: ignore[no-untyped-def]
     return build(chain, survey).readings
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("word", KINDS)
 def test_a_fit_recovers_every_group_and_unknown(word: str) -> None:
     """Readings with noise: all groups lie within five standard uncertainties of the truth, and most within two."""

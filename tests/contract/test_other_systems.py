@@ -84,6 +84,7 @@ def test_modules_are_imported_on_every_system() -> None:
     assert {of_posix(n) for n in at_import(decorated)} == {None, "SIGKILL"}
 
 
+@pytest.mark.long
 @LINUX
 def test_windows_rules_for_files_change_no_byte(plain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

@@ -159,6 +159,7 @@ def test_a_package_of_the_users_brings_an_observation(elsewhere: Path, run: Run,
     assert "## height-gauge" in reference("observations")
 
 
+@pytest.mark.long
 def test_a_package_of_the_users_brings_a_joint_error_model(elsewhere: Path, run: Run, reference: Run) -> None:
     """Described, drawn, simulated, fitted to the truth, reported, predicted, stored and in the documentation."""
     text = (ROOT / "machines/vertical_three_axis.yaml").read_text()
@@ -193,6 +194,7 @@ def test_a_model_from_elsewhere_is_named_where_a_key_is_wrong(elsewhere: Path, r
         run("describe", "wrong.yaml")
 
 
+@pytest.mark.long
 def test_a_package_of_the_users_brings_a_controller(elsewhere: Path, run: Run, reference: Run) -> None:
     run("simulate", "vertical_three_axis", 150, "--noise", 0.001, "--seed", 3, "--out", "drives.csv")
     run("fit", "vertical_three_axis", "drives.csv", "--out", "drives")

@@ -18,6 +18,7 @@ from errormodel.controllers.tables import Table
 from errormodel.exceptions import InputError
 from tests.contract.test_controller_axes import setup_of
 from tests.helpers.controller_files import tables_and_setup
+from tests.helpers.nightly import first_of
 from tests.helpers.setups import filled, plain_setup, setups
 
 TABLED = sorted(n for n, kind in registry().items() if issubclass(kind, Controller))
@@ -85,6 +86,7 @@ def moves_of(name: str, text: str) -> list[tuple[str, float, float]]:
     return out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", INDICATED)
 @given(setup=setups())
 @few
@@ -253,7 +255,9 @@ def test_the_check_of_a_printer_says_what_the_firmware_must_show(name: str) -> N
 
 
 @pytest.mark.parametrize("name", INDICATED)
-@pytest.mark.parametrize("machine", ["bridge_cmm", "gantry_crossbeam_ram", "h_gantry_dual_drive", "trunnion_five_axis"])
+@pytest.mark.parametrize(
+    "machine", first_of(["bridge_cmm", "trunnion_five_axis", "gantry_crossbeam_ram", "h_gantry_dual_drive"], 2)
+)
 def test_machines_whose_errors_need_two_points_are_checked_on_every_axis(name: str, machine: str) -> None:
     """Machines without errors: their own tables would be straight lines, with no room for a peak."""
     setup, controller = setup_of(machine), tabled(name)

@@ -19,6 +19,7 @@ import pytest
 
 from identification.results import results_folder
 from tests.helpers.commands import MILL, done, fitted_mill
+from tests.helpers.nightly import first_of
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="flushes with fsync, exchanges with renameat2")
 
@@ -85,7 +86,7 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", first_of(COMMANDS, 3))
 def test_content_is_on_the_disk_before_it_has_its_name(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -47,6 +47,7 @@ def test_a_lagged_sensor_is_that_sensor(name: str, tau: float) -> None:
     np.testing.assert_array_equal(features.channel(table, call), features.lag(table, name, float(f"{tau:.6g}")))
 
 
+@pytest.mark.long
 @given(name=SENSORS)
 def test_any_name_survives_the_machines_file_and_a_description(name: str) -> None:
     machine = drifting(name)

@@ -131,6 +131,7 @@ def test_a_changed_truth_is_noticed(tmp_path: Path) -> None:
         opened(tmp_path / "t.json", seal)
 
 
+@pytest.mark.long
 def test_a_case_is_the_same_every_time(tmp_path: Path) -> None:
     spec = SPECS["mixture-000"]
     seals = [write(make(spec), tmp_path / name, tmp_path / f"{name}-sealed") for name in ("a", "b")]
@@ -242,6 +243,7 @@ def test_a_selection_of_the_cases(tmp_path: Path) -> None:
     assert 0.9 < inside.mean() < 0.99
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("effect", first_of(["rail-waviness", "tracker-drift"]))
 def test_a_machine_of_fifty_millimetres_is_a_machine(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, effect: str

@@ -125,6 +125,7 @@ def fitted(tool: str, points: pd.DataFrame, measured: pd.DataFrame) -> Solution:
     return solve(chain_of(tool), problem.views, problem.unknowns, declared=problem.declared)
 
 
+@pytest.mark.long
 def test_a_fit_returns_the_published_parameters_within_their_uncertainties() -> None:
     """Of 200 surveys with a tracker's noise: 2-sigma intervals hold the truth as often as they should, 95.4 %.
 

@@ -134,6 +134,7 @@ def test_the_probe_went_elsewhere_between_points_7_and_8() -> None:
         assert max(place.loc[:7].std(), place.loc[8:].std()) < 0.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("command", ["fit", "diagnose"])
 def test_the_recordings_survive_and_nothing_is_invented(command: str, tmp_path: Path) -> None:
     result = run(command, MACHINE, FOLDER / "survey.yaml", "--out", tmp_path / "out", "--quiet")

@@ -12,6 +12,7 @@ from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.diagnosed import Diagnosed
+from tests.helpers.nightly import first_of
 
 # held out: 14.2 (9.4 without the first thirty rows, before which no other rows show how it warms; 8.6 where these are
 # called outliers, which a recording's beginning is not) and 2.5, 6.4 where a finding named again lost all refinements
@@ -24,7 +25,7 @@ def heated(folder: Path, name: str) -> Diagnosed:
     return diagnose(machine, read_survey(folder / f"homing_{name}.csv", machine))
 
 
-@pytest.mark.parametrize("name", LARGEST_UM)
+@pytest.mark.parametrize("name", first_of(LARGEST_UM))
 def test_contiguous_blocks_are_predicted_from_the_temperatures(printers: Path, name: str) -> None:
     result = heated(printers, name)
     assert result.final.folds == 10

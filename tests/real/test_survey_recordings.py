@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from errormodel.machine_file import read_machine
 from errormodel.survey import Survey, read_survey
 
@@ -18,12 +20,14 @@ def recordings(folder: Path) -> list[tuple[Path, Path]]:
     return [(p, p.parent / "machine.yaml") for p in tables]
 
 
+@pytest.mark.long
 def test_practice_recordings(practice_data: Path):
     for path, machine in recordings(practice_data):
         notes = read_survey(path, read_machine(machine), measured=path.name != "heldout.csv").notes
         assert all("outside the travel of" in note for note in notes)
 
 
+@pytest.mark.long
 def test_directions_of_practice_recordings(practice_data: Path):
     """The recorded directions are those of the row order."""
     for path, file in recordings(practice_data):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 import yaml
 
 from tests.helpers.commands import done
@@ -43,6 +44,7 @@ def left_um(found: np.ndarray, measured: np.ndarray) -> float:
     return float(1e3 * np.sqrt(np.mean(np.sum((a @ (u @ flip @ v) - b) ** 2, axis=1))))
 
 
+@pytest.mark.long
 def test_the_calibration_of_a_real_arm_moves_it_where_it_was_measured(ur10: Path, tmp_path: Path) -> None:
     """Of the nominal arm 0.85 mm are left, of the calibrated one 0.44: what the fit leaves, by another kinematics."""
     table = pd.read_csv(ur10 / "series_a.csv").iloc[::EVERY]

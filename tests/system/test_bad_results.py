@@ -199,6 +199,7 @@ def test_cut_short(name: str, share: float, place: Path) -> None:
     refused(place, READ[name], f"fit/{name}" if name != "machine.yaml" else "fit/")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("content", [b"", b"\0" * 4096, b"\xff\xfe\0\1" * 64, b"[" * 50_000, b"{}", b"null", b"PK\3\4"])
 @pytest.mark.parametrize("name", READ)
 def test_overwritten(name: str, content: bytes, place: Path) -> None:

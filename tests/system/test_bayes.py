@@ -182,6 +182,7 @@ class Normal:
         return np.asarray(-0.5 * np.square(points).sum(axis=1))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("damage", [None, slice(0), slice(300), slice(-300)], ids=["whole", "empty", "head", "cut"])
 def test_a_broken_run_goes_on_and_ends_as_if_never_broken(
     damage: slice | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -258,6 +259,7 @@ def test_arviz_reads_the_draws(tmp_path: Path):
         np.testing.assert_allclose(parameter.mean("sample"), out.posterior.mean, rtol=0.2, atol=1e-4)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="files of limited size stand for a full disk: POSIX")
 def test_a_disk_that_is_full_before_the_draws_are_written(tmp_path: Path):
     """HDF5 itself ends the process with a segmentation fault."""
@@ -279,6 +281,7 @@ def test_a_disk_that_is_full_before_the_draws_are_written(tmp_path: Path):
     assert not (tmp_path / "drawn").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("outliers", [0, 4])
 def test_the_log_likelihood_of_each_row_is_that_of_the_exact_kinematics(outliers: int):
     """At draws of parameters and noise, by SciPy's normal density of what was measured less what is predicted."""

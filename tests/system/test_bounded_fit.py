@@ -112,6 +112,7 @@ def test_it_is_the_optimum_of_the_convex_problem(arm: tuple[Machine, Array, Surv
     np.testing.assert_allclose((ours.values[base] - found.x / scale) / std, 0, atol=1e-6)
 
 
+@pytest.mark.long
 def test_bounds_come_nearer_to_the_truth_and_uncertainties_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     """Over seeds: a reversal that is known to be no lead."""
     machine, chain, p, name = with_effect(two_axes((EffectSpec("backlash", {"joint": "X"}),)), 2e-4)

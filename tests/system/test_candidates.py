@@ -26,6 +26,7 @@ from tests.helpers.diagnosed import empty_survey, showing
 GANTRY = Path(__file__).parents[2] / "machines/examples/gantry"
 
 
+@pytest.mark.long
 def test_cores_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
     machine = read_machine(GANTRY)
     linear = set_up(fit_machine(machine, read_survey(GANTRY / "survey.csv", machine)))
@@ -54,6 +55,7 @@ def test_a_term_that_moves_nothing_is_a_column_of_zeros() -> None:
     assert not out.any()
 
 
+@pytest.mark.long
 def test_candidates_are_columns_of_their_effects_at_their_usual_sizes() -> None:
     """As they are kept, phases of waves among them in single precision, beside each effect's own in double."""
     machine = read_machine(GANTRY)
@@ -67,6 +69,7 @@ def test_candidates_are_columns_of_their_effects_at_their_usual_sizes() -> None:
             np.testing.assert_allclose(kept, exact, rtol=0, atol=2e-5 * max(np.abs(exact).max(), 1e-300))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["trunnion_five_axis", "fork_head_five_axis", "five_axis_table_quill"])
 @pytest.mark.parametrize("turned", [False, True])
 def test_no_compliance_is_another_joints_geometry(name: str, turned: bool) -> None:
@@ -132,6 +135,7 @@ def test_products_that_are_known_score_as_well_as_those_made_anew() -> None:
                 assert kept.delta_chi2[k] == pytest.approx(own.delta_chi2[0], rel=5e-4, abs=0.05)
 
 
+@pytest.mark.long
 def test_what_an_effect_would_leave_is_what_it_leaves() -> None:
     machine = read_machine(GANTRY)
     linear = set_up(fit_machine(machine, read_survey(GANTRY / "survey.csv", machine)))

@@ -34,6 +34,7 @@ def path() -> tuple[Machine, Survey]:
     return machine, replace(survey, table=survey.table.assign(time=time, **places))
 
 
+@pytest.mark.long
 def test_a_delay_is_found_without_a_feed(path: tuple[Machine, Survey]) -> None:
     machine, survey = path
     found = diagnose(machine, showing(survey, machine, [(ON_THE_FLY, [DELAY_S])], 0.005)).diagnosis
@@ -88,6 +89,7 @@ def test_a_time_that_stands_still_determines_no_delay(path: tuple[Machine, Surve
     assert [n for n in fit.notes if "clock-offset (frame.dx.clock-offset) moves nothing in these rows" in n]
 
 
+@pytest.mark.long
 def test_without_times_it_is_said_that_a_delay_would_look_like_other_things(path: tuple[Machine, Survey]) -> None:
     machine, survey = path
     delayed = showing(survey, machine, [(ON_THE_FLY, [DELAY_S])], 0.005)
@@ -95,6 +97,7 @@ def test_without_times_it_is_said_that_a_delay_would_look_like_other_things(path
     assert [n for n in diagnose(machine, untimed).diagnosis.notes if "whether they were read on the fly" in n]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("step_s", "quick"), first_of([(0.5, True), (5.0, False)]))
 def test_lines_of_one_axis_that_are_read_quickly_have_a_delay(step_s: float, quick: bool) -> None:
     """To and fro at one speed a delay looks like play, which predicts another position at rest."""

@@ -145,6 +145,7 @@ def test_a_full_disk_ends_in_a_sentence() -> None:
     assert ended.stderr == "error: the output: No space left on device. Free space there, or send it elsewhere\n"
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="the shell of POSIX")
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
 def test_a_closed_stream_is_as_the_null_device(closed: str, tmp_path: Path) -> None:

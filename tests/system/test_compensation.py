@@ -137,6 +137,7 @@ def test_a_spindle_that_grows_is_no_motion_of_the_workpiece(tmp_path: Path) -> N
     assert float(coefficient[1]) == pytest.approx(-4e-3, rel=0.02)
 
 
+@pytest.mark.long
 def test_a_probe_beside_the_nozzle_reads_as_the_nozzle_does(fitted: Path, tmp_path: Path) -> None:
     """The bed is touched twice, exactly, by nozzle and probe: what Klipper adds makes the readings agree."""
     machine = read_machine(MILL)
@@ -262,6 +263,7 @@ def test_what_is_no_fit_is_refused(tmp_path: Path, fitted: Path) -> None:
     assert (result.code, "--out is missing" in result.err) == (2, True)
 
 
+@pytest.mark.long
 def test_an_arm_takes_no_tables_but_corrected_commands(tmp_path: Path) -> None:
     machine = read_machine("six_axis_arm")
     chain = Chain(machine)

@@ -103,6 +103,7 @@ def test_figures_say_the_uncertainty_of_the_model(noise_only: Path, tmp_path: Pa
     assert figures[1]["model_um"] is None
 
 
+@pytest.mark.long
 def test_no_table_follows_a_length_that_the_survey_does_not_show(tmp_path: Path) -> None:
     """A head that turned a little: how its angles act on a longer tool is not known, whatever a fit may say."""
     machine = read_machine(FORK)

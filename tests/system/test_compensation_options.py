@@ -41,6 +41,7 @@ def written(fitted: Path, folder: Path, name: str, *more: object) -> tuple[str, 
     return " ".join(out.split()), json.loads((folder / "compensation.json").read_text(encoding="utf-8"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["csv", "fanuc-pitch", "klipper", "siemens-cec"])
 def test_what_tables_turn_is_said_and_written(name: str, fitted: Path, tmp_path: Path) -> None:
     out, data = written(fitted, tmp_path / "a", name)
@@ -70,6 +71,7 @@ def test_scales_beside_the_tables_are_said_with_what_they_would_leave(fitted: Pa
     assert csv["scaled_um"] is None  # its table holds them
 
 
+@pytest.mark.long
 def test_the_tables_that_gain_most_are_taken(fitted: Path, tmp_path: Path) -> None:
     left = {}
     for most in (2, 6, 12):

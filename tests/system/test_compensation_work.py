@@ -47,6 +47,7 @@ def controller_of(name: str) -> Controller:
     return controller
 
 
+@pytest.mark.long
 def test_a_play_that_tables_cannot_hold_asks_for_few_programmes(monkeypatch: pytest.MonkeyPatch) -> None:
     volume, controller = worn(), controller_of("isg")
     setup, asked = volume.setup(None, None)[0], list[int]()

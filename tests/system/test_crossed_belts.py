@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import pytest
+
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.diagnosis.pipeline import diagnose
@@ -12,6 +14,7 @@ from tests.helpers.diagnosed import empty_survey, showing
 PERIOD = 47.0  # mm
 
 
+@pytest.mark.long
 def test_crossed_belts_are_predicted() -> None:
     """``cos(X - Y) = cos X cos Y + sin X sin Y``: two of the four terms of a wave in both."""
     machine = read_machine("bridge_cmm")
@@ -31,6 +34,7 @@ def test_crossed_belts_are_predicted() -> None:
     assert found.verdict == "explained"
 
 
+@pytest.mark.long
 def test_a_wave_along_a_diagonal_is_no_line_of_sight() -> None:
     """It looks like an instrument that is worse along its sight, but this does not turn from point to point."""
     machine = read_machine("bridge_cmm")

@@ -27,6 +27,7 @@ from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
 from identification.diagnosis.pipeline import diagnose
 from tests.helpers.chains import errors
+from tests.helpers.nightly import first_of
 from tests.helpers.surveys import measured, positions
 from tests.helpers.surveys import survey as survey_of
 
@@ -135,7 +136,7 @@ COLUMNS: dict[str, tuple[Edit, Callable[[Machine], str]]] = {
 }
 
 
-@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("name", first_of(MACHINES, 2))
 @pytest.mark.parametrize("kind", COLUMNS)
 def test_a_wrong_column_is_put_right(name: str, kind: str) -> None:
     edit, where = COLUMNS[kind]
@@ -206,7 +207,7 @@ ORDERS = {
 }
 
 
-@pytest.mark.parametrize("name", ["h_gantry_dual_drive", "trunnion_five_axis", "six_axis_arm"])
+@pytest.mark.parametrize("name", first_of(["h_gantry_dual_drive", "trunnion_five_axis", "six_axis_arm"]))
 @pytest.mark.parametrize("kind", ORDERS)
 def test_rows_in_another_order(name: str, kind: str) -> None:
     order, said = ORDERS[kind]
@@ -220,7 +221,7 @@ def test_rows_in_another_order(name: str, kind: str) -> None:
     assert not found.changes  # nothing of it belongs into a model
 
 
-@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("name", first_of(MACHINES, 2))
 def test_a_column_that_is_wrong_in_some_rows(name: str) -> None:
     joint = machine_of(name).joints[-1].name
     rows = slice(100, 150)
@@ -259,6 +260,7 @@ def test_a_station_that_was_moved_without_a_word_is_refused() -> None:
         find_blunders(machine_of("trunnion_five_axis"), spoilt("trunnion_five_axis", edit))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["vertical_three_axis", "six_axis_arm"])
 def test_points_of_other_commands_are_refused(name: str) -> None:
     order = np.random.default_rng(0).permutation(ROWS)
@@ -266,6 +268,7 @@ def test_points_of_other_commands_are_refused(name: str) -> None:
         find_blunders(machine_of(name), spoilt(name, lambda t, _: ordered(t, order)))
 
 
+@pytest.mark.long
 def test_two_mistakes_at_once() -> None:
     def edit(table: pd.DataFrame, _: Machine) -> pd.DataFrame:
         return one(one(table, "J2", -table["J2"]), "J5", np.radians(table["J5"]))
@@ -340,7 +343,7 @@ def test_a_clock_that_was_set_back() -> None:
         assert not find_blunders(machine_of("bridge_cmm"), replace(survey, table=honest_table))
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", first_of(ALL, 4))
 @pytest.mark.parametrize("walk", ["random", "grid", "repeats"])
 def test_honest_recordings_pass(name: str, walk: str) -> None:
     survey = honest(name, walk)
@@ -351,6 +354,7 @@ def test_honest_recordings_pass(name: str, walk: str) -> None:
     assert not find_blunders(machine_of(name), replace(survey, table=table))
 
 
+@pytest.mark.long
 def test_the_rest_of_the_diagnosis_sees_what_was_put_right() -> None:
     """Empty but for mistakes in rows: they are the only findings, and noise is what noise is."""
     name = "bridge_cmm"

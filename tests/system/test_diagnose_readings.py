@@ -220,6 +220,7 @@ def test_lengths_in_another_unit_are_refused() -> None:
         diagnose(MACHINE, replace(data, table=data.table.assign(length=data.table["length"] / 1000)))
 
 
+@pytest.mark.long
 def test_traces_are_imported_and_diagnosed(tmp_path: Path) -> None:
     """Three raw traces become a survey with the direction of travel, and the report names the backlash."""
     rng = np.random.default_rng(1)

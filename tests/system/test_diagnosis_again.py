@@ -22,6 +22,7 @@ def survey() -> Survey:
     return empty_survey(MACHINE, 220, 11, channels=True, grid=False)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("far", [0.0, 0.05])
 def test_gross_rows_that_an_effect_hides_are_found(survey: Survey, far: float) -> None:
     """Beside 120 um of play rows that are 50 um off stand out in no fit; beside 2 um of noise they do."""
@@ -48,6 +49,7 @@ def test_what_no_member_does_has_no_name() -> None:
     assert after < 0.1 * before
 
 
+@pytest.mark.long
 def test_without_a_cause_that_is_too_large_it_is_looked_for_another(monkeypatch: pytest.MonkeyPatch) -> None:
     """A member that moves by 80 um/K, where 30 are taken to be the most: something without that name is looked for."""
     monkeypatch.setattr(extension, "LARGEST", 3.0)

@@ -14,6 +14,7 @@ from errormodel.exceptions import InputError
 from errormodel.machine_file import read_machine
 from identification.diagnosis.pipeline import diagnose
 from tests.helpers.diagnosed import empty_survey
+from tests.helpers.nightly import first_of
 
 
 def test_rows_without_any_reading_are_refused() -> None:
@@ -32,7 +33,7 @@ SURVEYS = ((True, False), (False, False), (True, True))  # with channels, on a g
 
 @pytest.mark.parametrize(
     ("name", "channels", "grid", "few"),
-    [(name, *kind, (i + j) % 2 == 0) for i, name in enumerate(MACHINES) for j, kind in enumerate(SURVEYS)],
+    first_of([(name, *kind, (i + j) % 2 == 0) for j, kind in enumerate(SURVEYS) for i, name in enumerate(MACHINES)], 5),
 )
 def test_nothing_is_found_where_nothing_is(name: str, channels: bool, grid: bool, few: bool) -> None:
     """Few rows and many in turn: each machine and each kind of survey has both."""

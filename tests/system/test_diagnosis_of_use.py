@@ -90,6 +90,7 @@ def test_without_a_clock_the_row_says_when_the_station_moved(machine: Machine, t
     assert np.linalg.norm(gap.mean(axis=0)) == pytest.approx(np.linalg.norm([0.02, 0.01, -0.01]), rel=0.2)
 
 
+@pytest.mark.long
 def test_what_is_left_and_follows_something_recorded_is_in_the_uncertainty_of_predictions(
     machine: Machine, tmp_path: Path
 ) -> None:

@@ -21,6 +21,7 @@ MEASURED = ["mx", "my", "mz"]
 STATION = Pose(Rotation.from_rotvec(FRAME[1]).as_matrix(), np.array(FRAME[0])).invert(np.zeros((1, 3)))[0].tolist()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", first_of(["vertical_three_axis", "five_axis_table_quill"]))
 def test_run_that_differs_by_a_constant(name: str) -> None:
     """An axis homed anew belongs to that axis, a moved instrument to the frame; each in its run."""
@@ -39,6 +40,7 @@ def test_run_that_differs_by_a_constant(name: str) -> None:
     assert (finding.effect, finding.where, finding.runs) == ("station-shift", "frame", ["2"])
 
 
+@pytest.mark.long
 def test_two_temperatures_of_one_motion() -> None:
     """What the air does at once and the bed an hour later is one finding with both lags."""
     machine = read_machine("vertical_three_axis")
@@ -78,6 +80,7 @@ def test_poor_survey_says_what_it_cannot_show() -> None:
     assert not {"eccentricity", "wobble", "gear-cyclic", "joint-compliance"} & {e for e, _ in said}, "no rotary joint"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("tau", "size", "seed", "name"),
     first_of(
@@ -122,7 +125,7 @@ ONE_CAUSE = {
 }
 
 
-@pytest.mark.parametrize("name", ONE_CAUSE)
+@pytest.mark.parametrize("name", first_of(ONE_CAUSE, 2))
 def test_one_cause_has_its_name(name: str) -> None:
     spec, values, where = ONE_CAUSE[name]
     machine = read_machine("vertical_three_axis")

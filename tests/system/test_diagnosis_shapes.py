@@ -35,6 +35,7 @@ def survey(machine: Machine) -> Survey:
     return replace(survey, table=survey.table.assign(time=time, T_bed=bed, run=np.repeat(list("1234"), 80)))
 
 
+@pytest.mark.long
 def test_a_member_that_moves_and_tilts(machine: Machine, survey: Survey) -> None:
     spec = EffectSpec("structure-drift", {"element": "column", "motion": "all", "sensor": "T_bed", "tau": 1500.0})
     shown = showing(survey, machine, [(spec, [0.003, -0.002, 0.001, 6e-6, -4e-6, 5e-6])], 0.003)
@@ -42,6 +43,7 @@ def test_a_member_that_moves_and_tilts(machine: Machine, survey: Survey) -> None
     assert (finding.effect, len(finding.motion)) == ("structure-drift", 6)
 
 
+@pytest.mark.long
 def test_a_member_that_was_colder_than_its_sensor_at_first(machine: Machine, survey: Survey) -> None:
     """A machine that was warming before the first row: the lag does not begin in equilibrium."""
     options = {"element": "head", "motion": "dy", "sensor": "T_bed", "tau": 2500.0, "initial": -4.0}
@@ -61,6 +63,7 @@ def test_without_temperatures_it_warms_up(machine: Machine, survey: Survey) -> N
     assert (finding.effect, len(finding.motion)) == ("warm-up", 6)
 
 
+@pytest.mark.long
 def test_a_bent_guide(machine: Machine, survey: Survey) -> None:
     spec = EffectSpec("higher-order-geometry", {"joint": "X", "motion": "dz", "degrees": (3, 4), "slope": True})
     (finding,) = diagnose(machine, showing(survey, machine, [(spec, [0.012, 0.008])], 0.003)).diagnosis.findings
@@ -75,6 +78,7 @@ def test_a_table_that_is_on_in_some_runs(machine: Machine, survey: Survey) -> No
     assert finding.runs == ["2", "3"]
 
 
+@pytest.mark.long
 def test_an_instrument_whose_scale_changed(machine: Machine, survey: Survey) -> None:
     station = Pose(Rotation.from_rotvec(FRAME[1]).as_matrix(), np.array(FRAME[0])).invert(np.zeros((1, 3)))[0]
     spec = EffectSpec("scale-ppm", {"run": ("3", "4"), "station": station.tolist()})
@@ -82,6 +86,7 @@ def test_an_instrument_whose_scale_changed(machine: Machine, survey: Survey) -> 
     assert (finding.effect, finding.runs) == ("scale-ppm", ["3", "4"])
 
 
+@pytest.mark.long
 def test_a_carriage_that_leaves_a_pad_in_all_motions(machine: Machine, survey: Survey) -> None:
     spec = EffectSpec("contact-knee", {"joint": "X", "motion": "all", "at": 120.0})
     shown = showing(survey, machine, [(spec, [0.02, 0.06, -0.05, 9e-5, 0.0, -6e-5])], 0.003)
@@ -92,6 +97,7 @@ def test_a_carriage_that_leaves_a_pad_in_all_motions(machine: Machine, survey: S
     assert float(at[1]) == pytest.approx(120, abs=25)  # mm: of 1000 mm of travel
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("word", "place", "name"),
     first_of(
@@ -114,6 +120,7 @@ def test_runs_without_a_clock(word: str, place: str, name: str) -> None:
     assert finding.runs in (["3", "4"], ["1", "2"])  # of which one is the reference
 
 
+@pytest.mark.long
 def test_a_table_whose_bearing_face_is_not_flat() -> None:
     machine = read_machine("five_axis_table_quill")
     survey = empty_survey(machine, 300, 5, channels=False, grid=False)
@@ -143,6 +150,7 @@ def test_what_has_no_meaning_is_refused(word: str, options: dict[str, object], s
         made(word, **options)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("motion", [None, "all"])
 def test_a_spindle_that_grows_by_its_speed(machine: Machine, survey: Survey, motion: str | None) -> None:
     """No temperature shows how warm it is; its speed was recorded, in steps, and the heat follows it."""

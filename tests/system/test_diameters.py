@@ -35,6 +35,7 @@ def test_a_program_that_wrote_diameters_is_put_right() -> None:
     assert diagnosis.verdict == "explained"
 
 
+@pytest.mark.long
 def test_what_no_mistake_explains_is_not_called_physics() -> None:
     """A scale of 1.6 in some rows is no error of a machine, and no mistake that anyone makes: it is refused."""
     machine = read_machine("vertical_three_axis")

@@ -48,6 +48,7 @@ def said(folder: Path, *asked: str) -> str:
     return done("explain", folder, *asked).out
 
 
+@pytest.mark.long
 def test_a_finding_has_its_evidence_tests_and_alternatives(gantry: Path) -> None:
     text = said(gantry, "beam-sag@X")
     (finding,) = json.loads((gantry / "diagnosis.json").read_text())["findings"]
@@ -112,6 +113,7 @@ def test_all_stages_stand_in_their_order(gantry: Path) -> None:
     assert "beam-sag@X cross-validation" in text
 
 
+@pytest.mark.long
 def test_mistakes_of_the_recording_are_found_by_checks(tmp_path: Path) -> None:
     table = simulate(MILL, 80, noise=0.002, seed=2)
     table["X"] *= -1
@@ -156,6 +158,7 @@ def test_the_short_form_agrees_with_the_whole_log(gantry: Path) -> None:
     assert near["higher-order-geometry", "X"]["explained_by"] == ["beam-sag@X"]
 
 
+@pytest.mark.long
 def test_every_candidate_is_scored_in_the_first_round(gantry: Path) -> None:
     """The first scores are those of the ranking from which the map of where is drawn."""
     result = diagnose(GANTRY / "machine.yaml", GANTRY / "survey.csv")

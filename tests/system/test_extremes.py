@@ -70,6 +70,7 @@ def refused(ended: Done) -> str:
     return ended.err
 
 
+@pytest.mark.long
 def test_lengths_from_nanometres_to_metres(tmp_path: Path) -> None:
     """The same machine in four units: the same noise and as many groups; the digits of the files differ."""
     found = []
@@ -103,6 +104,7 @@ def test_a_frame_a_hundred_metres_away(tmp_path: Path) -> None:
         assert far[figure]["rms_um"] == pytest.approx(near[figure]["rms_um"], abs=1e-4)  # type: ignore[index]
 
 
+@pytest.mark.long
 def test_a_wild_reading(tmp_path: Path) -> None:
     """Named by the plain fit and left out by the robust one, however far off it lies."""
     table = recorded(tmp_path, mill(), 50, 0.002)
@@ -127,6 +129,7 @@ def test_joints_that_slide_along_one_line(tmp_path: Path) -> None:
     assert "the joints X, Y, Z all slide along one line" in said
 
 
+@pytest.mark.long
 def test_a_redundant_chain_of_twelve_joints(tmp_path: Path) -> None:
     recorded(tmp_path, chain_of(12), 300, 0.002)
     assert fit(tmp_path).code == 0
@@ -207,6 +210,7 @@ def test_errors_so_large_that_first_order_is_not_enough(angle: float, said: bool
     assert any("to first order only" in note for note in notes) == said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("far", "cured"), [(9e4, True), (9e6, False)])
 def test_a_robust_fit_is_recommended_where_it_works(far: float, cured: bool, tmp_path: Path) -> None:
     table = recorded(tmp_path, mill(), 60, 0.001)

@@ -43,6 +43,7 @@ def recorded(side: float) -> Survey:
     return replace(survey, table=survey.table.drop(columns="dir_X"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_first_side_is_found_and_makes_no_finding(side: float) -> None:
     diagnosed = diagnose(MILL, recorded(side))
@@ -74,6 +75,7 @@ def diagonals(overrun: bool) -> Survey:
     return replace(survey, table=survey.table.drop(columns="dir_Y", errors="ignore"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("overrun", [True, False])
 def test_ends_of_lines_are_overrun_where_the_readings_show_it(overrun: bool) -> None:
     """With the sides of the rows' order the overrun one had a hysteresis, and a column that sags by 0.1 mm."""
@@ -110,11 +112,13 @@ def test_readings_from_the_other_side_are_found_as_if_stated() -> None:
     assert "rows 2, 4, 6, 8" in said
 
 
+@pytest.mark.long
 def test_readings_that_a_column_tells_apart_are_not_from_the_other_side() -> None:
     diagnosed = diagnose(MILL, pilgrim(stated=False, load=True))
     assert not [n for n in diagnosed.diagnosis.notes if "from the other side" in n]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("play", [True, False])
 def test_a_column_of_one_value_is_doubted_where_the_readings_say_otherwise(play: bool) -> None:
     points = random_points(MILL, 150, 5)

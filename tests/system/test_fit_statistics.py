@@ -105,6 +105,7 @@ def assert_covers(z: Array) -> None:
     assert 0.85 < np.sqrt(np.mean(z**2)) < 1.15
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("noisy", first_of([undeclared, declared, tracked]))
 def test_uncertainties_hold(noisy: Noisy) -> None:
     found = campaign(noisy)

@@ -94,6 +94,7 @@ def test_the_page_shows_all_that_matters(made: Path) -> None:
     assert "http" not in re.sub(r"http://www\.w3\.org\S*|data:image[^\"]*", "", text)
 
 
+@pytest.mark.long
 @pytest.mark.every_figure
 def test_a_part_is_what_the_command_writes(made: Path, tmp_path: Path) -> None:
     rows = (made / "list.csv").read_text().splitlines()[:2]
@@ -113,6 +114,7 @@ def test_a_part_is_what_the_command_writes(made: Path, tmp_path: Path) -> None:
 # ---- whoever works
 
 
+@pytest.mark.long
 @pytest.mark.every_figure
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize(
@@ -126,6 +128,7 @@ def test_the_same_bytes_whoever_works(words: tuple[object, ...], made: Path) -> 
     assert "100 %  7 of 7" in result.out
 
 
+@pytest.mark.long
 @pytest.mark.every_figure
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="children are found in /proc")
 def test_a_worker_that_is_killed_costs_nothing(made: Path, tmp_path: Path) -> None:
@@ -142,6 +145,7 @@ def test_a_worker_that_is_killed_costs_nothing(made: Path, tmp_path: Path) -> No
     assert "failed" not in said
 
 
+@pytest.mark.long
 @pytest.mark.every_figure
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.parametrize("name", first_of(["SIGINT", "SIGKILL"]), ids=["Ctrl-C", "killed"])
@@ -353,6 +357,7 @@ def test_a_list_is_parquet_or_in_a_store(made: Path, tmp_path: Path) -> None:
     assert again.taken == 2
 
 
+@pytest.mark.long
 def test_monitor_watches_on_a_copy_and_by_date(made: Path, tmp_path: Path) -> None:
     (fit,) = (made / "out/parts/M00").iterdir()
     shutil.copytree(fit, tmp_path / "fit")

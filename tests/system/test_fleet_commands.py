@@ -43,6 +43,7 @@ def test_diagnose_says_what_types_have_in_common(tmp_path: Path) -> None:
     assert [t.get_text() for t in draw_matrix(found).axes[0].texts] == ["✓"]
 
 
+@pytest.mark.long
 def test_a_cycle_that_cannot_be_read_stops_no_other(tmp_path: Path) -> None:
     mill_fleet(tmp_path, 3)
     done("fit", MILL, tmp_path / "data/m0_0.csv", "--out", tmp_path / "fit")

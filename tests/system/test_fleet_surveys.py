@@ -22,6 +22,7 @@ from tests.helpers.fleets import mill_fleet
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.mark.long
 def test_one_survey_in_another_unit_is_named_and_spoils_no_other(tmp_path: Path) -> None:
     """Six mills; the second survey of one is in inch, and the first of another is listed twice, as a copy."""
     listing = mill_fleet(tmp_path, 6)

@@ -33,6 +33,7 @@ def diagnosed_at(level: float, folder: Path) -> tuple[store.StoredFit, pd.DataFr
     return store.load(folder), survey.table
 
 
+@pytest.mark.long
 def test_a_sensor_far_from_the_reference_temperature(tmp_path: Path) -> None:
     (warm, table), (cool, _) = (diagnosed_at(level, tmp_path / str(level)) for level in (60.0, 20.0))
     survey = empty_survey(MACHINE, 400, 5, channels=False, grid=False)

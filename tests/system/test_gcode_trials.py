@@ -20,6 +20,7 @@ from tests.helpers.nightly import first_of
 PROGRAMMES, BATCH = 400, 50
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("first", first_of(range(0, PROGRAMMES, BATCH)))
 def test_path_order_feeds_and_words_of_both_programmes_agree(first: int) -> None:
     seen: Counter[str] = Counter()

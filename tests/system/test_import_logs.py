@@ -84,6 +84,7 @@ def test_a_rest_that_was_not_measured_is_named(sides: tuple[Path, pd.DataFrame, 
     np.testing.assert_allclose(result.survey.table[["X", "Y", "Z"]], left, atol=1e-4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gone", [[], [3]])
 def test_lengths_are_joined_to_the_rests_of_a_log(
     sides: tuple[Path, pd.DataFrame, np.ndarray], gone: list[int], tmp_path: Path
@@ -215,6 +216,7 @@ def turning(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
     return driven, pd.DataFrame({"time": when + 77.0, "length": length})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("commands", ["plan.csv", "controller.csv"])
 def test_a_length_that_turns_back_on_its_way_is_at_no_rest(commands: str, tmp_path: Path) -> None:
     driven, log = turning(tmp_path)
@@ -241,6 +243,7 @@ def test_a_dwell_too_many_is_named(tmp_path: Path) -> None:
         import_survey(file, MILL, commands=tmp_path / "plan.csv", observation="station-distance, dead_path: 0")
 
 
+@pytest.mark.long
 def test_dwells_that_lie_on_the_way_from_one_row_on_say_that_a_clock_was_set(tmp_path: Path) -> None:
     """Its clock was set by less than a dwell and the way to the next are long: the offset of the first part holds."""
     logs(tmp_path, rows=30)

@@ -35,6 +35,7 @@ def test_uncertainties_are_those_of_means(folder: Path) -> None:
     assert 0.6 < np.sqrt(np.mean(np.square([*errors.values()]))) < 1.5  # 0.2 with the scatter of single readings
 
 
+@pytest.mark.long
 def test_what_a_file_declares_is_no_scatter(folder: Path) -> None:
     text = (folder / "tracker.csv").read_text().splitlines()
     declared = pd.DataFrame([line.split(",") for line in text[1:]], columns=text[0].split(",")).assign(sigma="0.003")

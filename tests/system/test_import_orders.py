@@ -37,6 +37,7 @@ def written(folder: Path, commands: pd.DataFrame, measured: np.ndarray) -> tuple
     )  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("levels", [(200.0, 300.0, 400.0), (200.0,)])
 def test_a_symmetric_plan_leaves_the_order_open_and_that_is_said(levels: tuple[float, ...], tmp_path: Path) -> None:
     """Readings in reverse order fit as well as in their own: import warns, and so does every command behind it."""

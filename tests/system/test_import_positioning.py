@@ -139,6 +139,7 @@ def test_nominal_and_actual_of_one_axis(head: str, tmp_path: Path) -> None:
     assert "nominal" in result.summary()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("nominal", "actual"),
     [("{} soll", "{} ist"), ("Soll {} [mm]", "Ist {} [mm]"), ("{} nominal", "{} actual"), ("Target_{}", "Measured_{}"),

@@ -13,6 +13,7 @@ from identification import fit, import_survey
 from tests.helpers.commands import run
 from tests.helpers.importing import MILL, poses, programme
 from tests.helpers.lengths import standardised, tips, truth
+from tests.helpers.nightly import first_of
 
 MACHINE = read_machine(MILL)
 TRUE = truth(MACHINE, np.random.default_rng(4))
@@ -71,6 +72,7 @@ def set_ups() -> dict[str, float]:
     return known | {f"observation[{k}].dead_path": 137.0 for k in PLACES}
 
 
+@pytest.mark.long
 def test_one_column_of_all_passes_asks_whether_the_instrument_was_moved(
     lengths: dict[str, np.ndarray], plan: Path, tmp_path: Path
 ) -> None:
@@ -154,14 +156,17 @@ def test_deviations_of_a_ballbar_at_standing_poses_and_their_unit(tmp_path: Path
 
 @pytest.mark.parametrize(
     ("change", "says"),
-    [
-        ("shifted", "taken 1 row (earlier|later) they fit"),
-        ("exchanged", "the lengths of rows 11 and 31 are exchanged"),
-        ("inches", "in inch they fit.*--units length=inch"),
-        ("sign", "with the other sign they fit"),
-        ("every second", f"{ROWS // 2} readings and {ROWS} commands"),
-        ("another plan", "fit a station nowhere|lie .* off their commands"),
-    ],
+    first_of(
+        [
+            ("shifted", "taken 1 row (earlier|later) they fit"),
+            ("exchanged", "the lengths of rows 11 and 31 are exchanged"),
+            ("inches", "in inch they fit.*--units length=inch"),
+            ("sign", "with the other sign they fit"),
+            ("every second", f"{ROWS // 2} readings and {ROWS} commands"),
+            ("another plan", "fit a station nowhere|lie .* off their commands"),
+        ],
+        2,
+    ),
 )
 def test_a_wrong_join_of_lengths_is_refused_with_what_fits(
     change: str, says: str, lengths: dict[str, np.ndarray], plan: Path, tmp_path: Path
@@ -190,6 +195,7 @@ def test_a_list_that_was_broken_off_has_the_first_commands_or_the_last(
     np.testing.assert_array_equal(pairs.command, every)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gone", [[0], [17], [3, 30]])
 def test_readings_that_are_missing_are_found(
     gone: list[int], lengths: dict[str, np.ndarray], plan: Path, tmp_path: Path
@@ -257,6 +263,7 @@ def side_by_side(lengths: dict[str, np.ndarray], folder: Path, unit: str = "mm",
     return folder / "wide.csv"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("unit", "factor"), [("mm", 1.0), ("m", 1e-3)])
 def test_readings_of_several_instruments_side_by_side(
     lengths: dict[str, np.ndarray], plan: Path, tmp_path: Path, unit: str, factor: float

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -20,6 +21,7 @@ JOINED = STYLES.filter(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(style=JOINED, unit=st.sampled_from([*MM_A_UNIT]), numbered=st.booleans())
 def test_the_survey_is_the_same_in_every_style(style: Style, unit: str, numbered: bool, tmp_path: Path) -> None:

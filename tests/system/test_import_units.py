@@ -17,6 +17,7 @@ COMMANDS = poses()
 MEASURED = points(COMMANDS)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("match", ["auto", "nearest"])
 @pytest.mark.parametrize(
     ("changed", "found", "cure"),

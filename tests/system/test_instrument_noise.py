@@ -58,6 +58,7 @@ def test_a_tracker_in_its_own_coordinates_stands_in_their_origin() -> None:
     assert np.abs(seen.station).max() < 1e-6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(10))
 @pytest.mark.parametrize("free", [3.0, 1e6])
 def test_noise_that_is_alike_in_all_directions_shows_no_tracker(seed: int, free: float) -> None:
@@ -89,6 +90,7 @@ def tracked() -> Survey:
     return showing(survey, machine, [backlash], ELSEWHERE.model_copy(update={"station": station}), 5)
 
 
+@pytest.mark.long
 def test_rows_are_weighed_by_a_tracker_that_was_not_named(tracked: Survey) -> None:
     found = diagnose(read_machine(MILL), tracked).diagnosis
     assert [f.effect for f in found.findings] == ["backlash"]
@@ -97,11 +99,13 @@ def test_rows_are_weighed_by_a_tracker_that_was_not_named(tracked: Survey) -> No
     assert abs(abs(amount.value) - 0.02) < 4 * amount.std
 
 
+@pytest.mark.long
 def test_a_coordinate_measuring_machine_has_no_line_of_sight(tracked: Survey) -> None:
     found = diagnose(read_machine(MILL), replace(tracked, instrument=CoordinateMeasuringMachine(type="cmm"))).diagnosis
     assert not [n for n in found.notes if "line of sight" in n]
 
 
+@pytest.mark.long
 def test_a_declared_instrument_is_taken_at_its_word(tracked: Survey) -> None:
     found = diagnose(read_machine(MILL), replace(tracked, instrument=ELSEWHERE)).diagnosis
     assert not [n for n in found.notes if "line of sight" in n]

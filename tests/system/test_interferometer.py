@@ -33,6 +33,7 @@ from tests.helpers.interferometer import (
     targets,
     written,
 )  # fmt: skip
+from tests.helpers.nightly import first_of
 
 
 @pytest.fixture
@@ -81,6 +82,7 @@ def test_positions_are_no_deviations(tmp_path: Path, mill: Path):
 FACTORS = {"mm": 1.0, "um": 1e-3, "inch": 25.4, "m": 1e3}
 
 
+@pytest.mark.long
 @settings(max_examples=40, deadline=None)
 @given(
     st.sampled_from([*FACTORS]), st.sampled_from([*FACTORS]), st.sampled_from(["degC", "K", "degF"]),
@@ -194,7 +196,7 @@ BOTH_SIDES = ("linuxcnc-type0", "linuxcnc-type1", "siemens-cec", "twincat-nc")
 ONE = ("aerotech-1d", "csv", "fanuc-pitch", "heidenhain", "isg", "pmac", "siemens-lec")
 
 
-@pytest.mark.parametrize("name", [*BOTH_SIDES, *ONE])
+@pytest.mark.parametrize("name", first_of([*BOTH_SIDES, *ONE], 4))
 def test_pitch_tables_from_an_interferometer(tmp_path: Path, mill: Path, name: str):
     """To the noise where tables know the sides; where they do not, to half of the backlash."""
     folder = fitted(tmp_path, mill, positioning(4), "effects: [{effect: backlash, joint: X}]\n")
@@ -323,6 +325,7 @@ def test_few_targets_do_not_name_what_they_cannot_tell(tmp_path: Path, mill: Pat
         assert not one.alternatives[0].separable
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["zeros", "rounded", "angles", "one way", "six"])
 def test_quiet_records_hold_nothing(tmp_path: Path, mill: Path, kind: str):
     rng = np.random.default_rng(11)

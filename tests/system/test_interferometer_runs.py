@@ -19,6 +19,7 @@ def mill(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_a_zero_lost_half_way_is_found(tmp_path: Path, mill: Path) -> None:
     table = positioning(6, runs=3)
     table.loc[30:43, "dx"] += 12.0  # to the end of the second run of 22 readings
@@ -64,6 +65,7 @@ def test_a_run_of_another_sign_or_unit_is_refused(tmp_path: Path, mill: Path, fa
     assert words in diagnosed.err
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(8))
 def test_runs_that_warm_up_or_have_play_are_not_refused(tmp_path: Path, mill: Path, seed: int):
     """A drift in every run, larger in the first, no step: 60 um in two hours, with 6 um of backlash."""

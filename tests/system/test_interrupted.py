@@ -173,6 +173,7 @@ def test_an_interruption_that_a_library_makes_an_error_of_its_own_is_one(raised:
     assert "Traceback" not in err
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ENDING)
 def test_a_parent_that_ignores_them_goes_before(name: str, tmp_path: Path) -> None:
     """As nohup ignores that a terminal is closed."""
@@ -205,6 +206,7 @@ entry()
 LOST_THERE = AT_A_TERMINAL + LOST.replace('print("up", flush=True)', 'os.write(up, b"up")')
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("program", [WRITING_THERE, LOST_THERE], ids=["writing there", "lost"])
 def test_a_terminal_that_is_closed(program: str, tmp_path: Path) -> None:
     """Nobody takes the word there, which changes neither the exit code nor what is left."""

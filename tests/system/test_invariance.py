@@ -79,6 +79,7 @@ def table_names(machine: Machine) -> list[str]:
     return [e.name for e in machine.elements if isinstance(e, Joint)]
 
 
+@pytest.mark.long
 @given(machine=machines(most_joints=3), seed=st.integers(0, 99))
 @example(machine=ARC, seed=0)
 @settings(max_examples=6, deadline=None, suppress_health_check=list(HealthCheck))

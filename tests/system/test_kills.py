@@ -78,6 +78,7 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("words", "what"),
     [*((("monitor", "fit", "next.csv"), what) for what in FAILING)]

@@ -55,6 +55,7 @@ def beside(linear: LinearModel, effects: Sequence[Effect]) -> LinearModel:
     return linear
 
 
+@pytest.mark.long
 def test_a_model_that_is_kept_is_the_one_that_is_made(linear: LinearModel, some: list[Effect]) -> None:
     first, again, anew = beside(linear, some), beside(linear, some), beside(replace(linear, lineage=None), some)
     assert first.lineage == again.lineage == Lineage(tuple(some))
@@ -79,6 +80,7 @@ def test_scores_are_the_same_whatever_was_scored_before(
     assert branch.scores(last).evidence is by_steps.evidence
 
 
+@pytest.mark.long
 def test_models_of_one_search_have_the_scores_that_they_have_without_it(
     linear: LinearModel, candidates: Candidates, some: list[Effect]
 ) -> None:

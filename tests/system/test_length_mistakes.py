@@ -38,6 +38,7 @@ def fitted(data: Survey, robust: bool = False) -> None:
     passed(MACHINE, data, lambda: fit_machine(MACHINE, data, robust), robust)
 
 
+@pytest.mark.long
 def test_lengths_that_stand_in_each_others_row_are_refused(table: pd.DataFrame) -> None:
     wrong = table.copy()
     wrong.loc[[5, 9], "length"] = table.loc[[9, 5], "length"].to_numpy()
@@ -47,6 +48,7 @@ def test_lengths_that_stand_in_each_others_row_are_refused(table: pd.DataFrame) 
     fitted(of(wrong), robust=True)  # which leaves both out
 
 
+@pytest.mark.long
 def test_a_length_far_from_all_others_is_refused_by_name_and_listed_by_a_check(table: pd.DataFrame) -> None:
     wrong = table.copy()
     wrong.loc[ROWS + 3, "length"] += 30.0
@@ -58,6 +60,7 @@ def test_a_length_far_from_all_others_is_refused_by_name_and_listed_by_a_check(t
     assert any(line.startswith("A: 80 lengths") and "far off" not in line for line in said)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("robust", [False, True])
 @pytest.mark.parametrize(("first", "step"), [(38, 0.5), (70, -3.0)])
 def test_a_beam_that_was_lost_is_said_with_its_place_and_size(
@@ -94,6 +97,7 @@ def test_several_steps_are_found_and_none_where_there_is_none() -> None:
         assert [s for _, s in found] == pytest.approx([0.4, -2.0], abs=0.05)
 
 
+@pytest.mark.long
 def test_a_robust_fit_that_leaves_most_readings_of_an_instrument_out_is_refused(table: pd.DataFrame) -> None:
     """Lengths of one instrument with the scale of another: the few that are left would look well."""
     wrong = table.copy()

@@ -41,6 +41,7 @@ def survey() -> Survey:
     return replace(survey, table=survey.table.assign(time=time, **noisy))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("initial", first_of([-1.5, 0.0, -3.0]))
 def test_no_other_sensor_is_likelier(survey: Survey, initial: float) -> None:
     """Which of them it is these data hardly tell: the true one is taken, or said to be as likely."""
@@ -84,6 +85,7 @@ def test_a_finding_is_judged_in_the_model_that_the_one_before_it_left(
     assert [s.effect for s in out.steps] == [model.steps[0].effect, model.steps[2].effect]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("initial", [-3.0, 3.0])
 def test_a_member_on_its_way_elsewhere_follows_its_sensor(initial: float) -> None:
     """In equilibrium no lag fits where a member was much colder or warmer than its sensor at first."""

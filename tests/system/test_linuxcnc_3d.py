@@ -42,6 +42,7 @@ def left_by(volume: Volume, q: Array, motors: Array | None) -> Error:
     return Error.of(remaining(volume, nothing if motors is None else lambda *_: motors, rows), q)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", first_of(["five_axis_table_quill", "fork_head_five_axis"]))
 def test_the_real_controller_leaves_what_the_lattice_leaves(name: str, component: Path, tmp_path: Path) -> None:
     machine = read_machine(name)

@@ -59,6 +59,7 @@ def test_of_two_models_alike_the_one_whose_effect_has_fewer_places_is_likelier()
     assert [s.log_prior for s in pair.steps] == [-np.log(120)] * 2
 
 
+@pytest.mark.long
 def test_a_spindle_that_also_moves_aside_is_one_finding() -> None:
     machine = read_machine("vertical_three_axis")
     survey = empty_survey(machine, 400, 5, channels=True, grid=False)
@@ -119,6 +120,7 @@ def test_findings_are_weighed_beside_each_other() -> None:
     assert probability_of(main) > 0.9
 
 
+@pytest.mark.long
 def test_what_looked_like_a_findings_own_form_is_a_second_cause() -> None:
     """A screw that grows and a head that drifts: the drift had been taken for what the growth is in other sensors."""
     machine = read_machine("vertical_three_axis")
@@ -228,6 +230,7 @@ def test_what_has_a_name_and_explains_much_is_no_form_of_another_finding(
     assert refined(model, Step(make(drift), 20.0, 40.0, 0.9)) == parent
 
 
+@pytest.mark.long
 def test_a_surface_over_two_joints_that_turn_is_found() -> None:
     """A chequer board over two joints of an arm: no curve of one joint, and no product of straight lines."""
     machine = read_machine("six_axis_arm")
@@ -242,6 +245,7 @@ def test_a_surface_over_two_joints_that_turn_is_found() -> None:
     assert found[0].heldout_rms_um.after < 0.8 * found[0].heldout_rms_um.before
 
 
+@pytest.mark.long
 def test_pulses_become_a_curve_over_their_period() -> None:
     """Oil lifts a carriage every quarter of an hour and it sinks again: no sine, and no second finding."""
     machine = read_machine("vertical_three_axis")
@@ -257,6 +261,7 @@ def test_pulses_become_a_curve_over_their_period() -> None:
     assert [(s.parent, s.effect.random) for s in told.model.steps] == [(None, False), (0, True)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("steps", first_of(product((True, False), repeat=2), whole=True))
 def test_what_switches_over_two_joints_gets_its_edges(steps: tuple[bool, bool]) -> None:
     """A table whose plates lie higher and lower in turn, at once or gently, along one joint or the other."""
@@ -294,6 +299,7 @@ def test_a_switch_is_a_wave_of_two_values() -> None:
     assert float(ca.Function("f", [symbol], [switch(symbol, 10.0, 30.0)])(31.0)) == pytest.approx(switch(31.0, 10, 30))
 
 
+@pytest.mark.long
 def test_a_frame_that_drifts_is_no_refinement_of_a_scale_that_grows() -> None:
     """Six motions together are like almost anything: what counts is which of them there are."""
     machine = read_machine("vertical_three_axis")

@@ -84,6 +84,7 @@ def monitor(folder: Path, table: pd.DataFrame, *options: str, name: str = "cycle
 # the command
 
 
+@pytest.mark.long
 def test_a_quiet_cycle_is_normal_and_the_same_survey_is_known_again(folder):
     first = monitor(folder, cycle_table(50))
     assert first.code == 0, first.err

@@ -26,6 +26,7 @@ def found() -> EffectModel:
     return diagnose(machine, showing(survey, machine, [(spec, [0.012])], 0.003)).model
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("lead", "named"), [(CLEARLY - 1, True), (CLEARLY + 1, False)])
 def test_a_form_leads_clearly_or_has_the_name(found: EffectModel, lead: float, named: bool) -> None:
     ((name, *_),) = found.findings

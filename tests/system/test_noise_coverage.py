@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from errormodel.chain import Chain
 from errormodel.machine_file import read_machine
@@ -17,6 +18,7 @@ from tests.helpers.correlated_noise import drawn
 from tests.helpers.surveys import measured, positions, stored, survey
 
 
+@pytest.mark.long
 def test_predictions_cover_the_truth_under_correlated_noise() -> None:
     """Positions of neighbouring rows share their error, and the poses of a grid share their neighbours."""
     machine = read_machine("vertical_three_axis")
@@ -51,6 +53,7 @@ errors:
 """
 
 
+@pytest.mark.long
 def test_noise_from_few_degrees_of_freedom_is_known_as_well_as_that(tmp_path: Path) -> None:
     """Seven rows and some twenty unknowns: so few degrees of freedom often show a tenth of the noise."""
     (tmp_path / "machine.yaml").write_text(SMALL, encoding="utf-8")
@@ -81,6 +84,7 @@ def test_noise_from_few_degrees_of_freedom_is_known_as_well_as_that(tmp_path: Pa
     assert judge(enough, found=False).word == "adequate"
 
 
+@pytest.mark.long
 def test_a_fit_is_never_worse_than_none() -> None:
     """Few levels, a noise of heavy tails: directions that hardly show must not be stepped along."""
     for name in ("six_axis_arm", "trunnion_five_axis", "fork_head_five_axis"):

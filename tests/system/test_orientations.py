@@ -50,6 +50,7 @@ def test_right_orientations_pass() -> None:
     assert fit(MACHINE, recorded()).sigma_um > 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("what", WRONG)
 def test_wrong_orientations_are_refused_with_what_fits(what: str) -> None:
     change, found = WRONG[what]

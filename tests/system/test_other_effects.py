@@ -32,6 +32,7 @@ WAVE = {"joint": "X", "motion": "dz", "every": 200.0}
 UNCERTAINTY = ["ux", "uy", "uz"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("tau", "hours", "known"), first_of([(8000.0, 0.5, False), (1000.0, 4.0, True)]))
 def test_later_than_the_recording(tau: float, hours: float, known: bool, tmp_path: Path) -> None:
     machine = read_machine("vertical_three_axis")
@@ -57,6 +58,7 @@ def test_later_than_the_recording(tau: float, hours: float, known: bool, tmp_pat
     assert u["uy"] < 0.12
 
 
+@pytest.mark.long
 def test_a_member_that_was_behind_in_the_first_row(tmp_path: Path) -> None:
     """Where a recording does not show whether its lag began in equilibrium, later uncertainties have both."""
     machine = read_machine("vertical_three_axis")
@@ -86,6 +88,7 @@ def test_a_member_that_was_behind_in_the_first_row(tmp_path: Path) -> None:
     assert ratios[0] < 2.1 < ratios[1]
 
 
+@pytest.mark.long
 def test_sensors_that_warmed_alike(tmp_path: Path) -> None:
     """Which of two sensors is the cause the recording does not show: it is said, and later uncertainties have both."""
     machine = read_machine("vertical_three_axis")
@@ -155,6 +158,7 @@ def test_a_machine_without_the_effect_is_refused(tmp_path: Path) -> None:
     assert "key other_effects: the effect number 1, which the machine does not have" in result.err
 
 
+@pytest.mark.long
 def test_a_time_constant_has_an_uncertainty() -> None:
     """It is off by as much as is stated: the sum of squares of four lies within 99 % of chi-squared."""
     machine, tau = read_machine("vertical_three_axis"), 1500.0
@@ -172,6 +176,7 @@ def test_a_time_constant_has_an_uncertainty() -> None:
     assert 0.207 < np.sum(np.square(off)) < 14.86
 
 
+@pytest.mark.long
 def test_places_that_the_recording_does_not_tell_apart(tmp_path: Path) -> None:
     """Members that do not turn against each other: all are fitted, and predictions are those of all of them."""
     machine = read_machine("vertical_three_axis")

@@ -163,6 +163,7 @@ def test_poses_are_reachable_visible_and_outside_the_boxes() -> None:
     assert len(np.unique(everything["X"])) > 0.9 * len(everything)  # no grid that a screw's lead could share
 
 
+@pytest.mark.long
 def test_the_order_comes_from_both_sides_and_back_to_the_start(mill: Plan) -> None:
     table = mill.table
     names = [j.name for j in mill.chain.machine.joints]
@@ -196,6 +197,7 @@ def test_the_predicted_uncertainty_is_what_fits_scatter_by(mill: Plan) -> None:
     assert 1e3 * u.max() <= mill.uncertainty.worst_um * 1.02
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", first_of(range(5)))
 def test_half_as_many_planned_poses_do_as_well_as_random_ones(seed: int) -> None:
     """Five-axis machine, worst predicted standard uncertainty at poses that the plan was not made for.
@@ -278,6 +280,7 @@ def test_a_second_tool_is_said_to_help(mill: Plan) -> None:
     assert own["target-offset"].needs
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", sorted(library()))
 def test_every_machine_of_the_library_can_be_planned(name: str) -> None:
     machine = read_machine(name)
@@ -316,6 +319,7 @@ def test_the_command_writes_points_that_the_others_read(tmp_path: Path) -> None:
         assert (tmp_path / f"p.{kind}").read_bytes() == (tmp_path / f"q.{kind}").read_bytes()
 
 
+@pytest.mark.long
 def test_the_fewest_rows_there_can_be() -> None:
     result = plan(read_machine(MILL), PLAIN, 13, UM, worst=False)
     assert (len(result.table), result.repeated, result.groups.rank) == (13, 0, 30)

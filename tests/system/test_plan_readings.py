@@ -48,6 +48,7 @@ def test_lengths_from_stations_are_planned_by_their_own_information() -> None:
     assert own - all_of_them == pytest.approx(np.linalg.slogdet(stage.space.covariance(chosen))[1], abs=0.05)
 
 
+@pytest.mark.long
 def test_coordinates_and_a_length_are_planned_together() -> None:
     """A fine length beside coarse coordinates: surer, and each noise counts for its own rows."""
     coarse = plan(MACHINE, PLAIN, 30, 5e-3, seed=2)

@@ -179,6 +179,7 @@ def test_before_the_first_move_a_side_is_not_known(tmp_path: Path) -> None:
     np.testing.assert_allclose(untold.iloc[3][XYZ], up.iloc[3][XYZ], atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "blunder",
     [

@@ -90,6 +90,7 @@ def assert_true(found: dict[str, tuple[float, float]]) -> None:
         assert abs(value - truth) < 4 * std, f"{identity}: {value} +- {std}, truth {truth}"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("balls", [[(50, 20, 100)], [(50, 20, 100), (50, 20, 101)]], ids=["one ball", "two"])
 @pytest.mark.parametrize("seed", range(3))
 def test_an_r_test_finds_the_rotary_axes(tmp_path: Path, balls: list[tuple[float, float, float]], seed: int) -> None:
@@ -133,6 +134,7 @@ def test_diagnose_predict_and_monitor_say_so(tmp_path: Path, capsys: pytest.Capt
     assert diagnosis["findings"] == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("order", "signs"), [((1, 0, 2), (1, 1, 1)), ((0, 1, 2), (1, 1, -1)), ((2, 0, 1), (1, 1, 1))])
 @pytest.mark.parametrize("command", ["fit", "diagnose"])
 def test_a_head_with_other_axes_is_refused(
@@ -151,6 +153,7 @@ def test_a_head_with_other_axes_is_refused(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("motion", [[1, 0, 0], [0, 0, 1]])
 def test_an_effect_is_not_taken_for_turned_axes(tmp_path: Path, motion: list[float]) -> None:
     """A cradle that sags with A, in one direction and by 20 um: another direction would suit the constants better."""

@@ -63,6 +63,7 @@ def test_curve_of_a_joint_is_fitted_and_returns_to_zero_where_nothing_was_measur
     assert bare.heldout.rms_um > 3 * fit.heldout.rms_um
 
 
+@pytest.mark.long
 def test_curve_is_found() -> None:
     plain = read_machine("six_axis_arm")
     machine = replace(plain, effects=(CURVE,))

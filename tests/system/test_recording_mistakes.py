@@ -90,7 +90,7 @@ WRONG: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], tuple[str, ...]]]
 }
 
 
-@pytest.mark.parametrize("kind", WRONG)
+@pytest.mark.parametrize("kind", first_of(WRONG, 5))
 def test_a_mistake_is_named_and_nothing_is_written(kind: str, sound: Path, tmp_path: Path) -> None:
     edit, expected = WRONG[kind]
     edit(pd.read_csv(sound / "s.csv")).to_csv(tmp_path / "s.csv", index=False)
@@ -170,6 +170,7 @@ def five_bar(rows: int) -> pd.DataFrame:
     return pd.DataFrame({"A": np.degrees(one), "B": np.degrees(two), "Z": z, "mx": tip[:, 0], "my": tip[:, 1], "mz": z})
 
 
+@pytest.mark.long
 def test_a_parallel_robot_written_as_a_chain_is_not_fitted(tmp_path: Path) -> None:
     write(
         tmp_path / "m.yaml",
@@ -274,6 +275,7 @@ ONE_BALL: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], str]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("frame", first_of(["shared", "fixed"]))
 @pytest.mark.parametrize("kind", ONE_BALL)
 def test_nominal_points_that_leave_the_one_ball(kind: str, frame: str, tmp_path: Path) -> None:
@@ -347,6 +349,7 @@ def test_a_table_that_was_copied_below_itself_is_refused(sound: Path, tmp_path: 
     done("fit", sound / "m.yaml", tmp_path / "twice.csv", "--out", tmp_path / "t")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("two_stations", [False, True])
 def test_error_motions_of_a_joint_between_positions_have_no_place(
     sound: Path, tmp_path: Path, two_stations: bool

@@ -72,6 +72,7 @@ def test_six_motions_through_the_lever(result):
     assert "standard uncertainty" in printed.out
 
 
+@pytest.mark.long
 def test_a_survey_of_the_joint(result, clouds):
     """Its rows are read, the zero is that of the cold machine, and a thermal model of the joint is fitted to them."""
     machine = read_machine("gantry_crossbeam_ram")
@@ -96,6 +97,7 @@ def _four_times(clouds):
     return clouds / "more.csv"
 
 
+@pytest.mark.long
 def test_same_input_same_bytes(result, clouds):
     again = clouds / "again.csv"
     command = ["register", clouds / "cold", *(clouds / name for name in RUNS), "--quiet"]
@@ -103,6 +105,7 @@ def test_same_input_same_bytes(result, clouds):
     assert again.read_bytes() == (clouds / "y.csv").read_bytes()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stacked", [False, True], ids=["sensor's frame", "stacked along the travel"])
 def test_mount_from_a_plane_and_a_pocket(clouds, stacked, tmp_path):
     rng = np.random.default_rng(5)
@@ -120,6 +123,7 @@ def test_mount_from_a_plane_and_a_pocket(clouds, stacked, tmp_path):
         assert np.abs((motions - truth(found.table)) / u).max() < 4.0
 
 
+@pytest.mark.long
 def test_mount_from_the_whole_scan_of_the_pocket(clouds, tmp_path):
     """Edges are found where profiles break: here at the floor, 3 mm below, and where nothing came back."""
     rng = np.random.default_rng(6)

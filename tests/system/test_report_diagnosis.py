@@ -39,6 +39,7 @@ from identification.report.diagnosis import numbered, odds
 from identification.results.analysis import Analysis
 from identification.results.residual_projection import evidence_of
 from tests.helpers import effect_battery as battery
+from tests.helpers.nightly import first_of
 from tests.helpers.pages import Page
 
 pytestmark = pytest.mark.every_figure
@@ -63,7 +64,7 @@ def grown(word: str) -> tuple[EffectModel, Fit, dict[str, float]]:
     return EffectModel(linear, linear.with_effect(effect), (step,)), fit_machine(machine, survey), truth
 
 
-@pytest.mark.parametrize("word", MOVING)
+@pytest.mark.parametrize("word", first_of(MOVING, 8))
 def test_every_effect_can_be_drawn(word: str) -> None:
     model, fit, _ = grown(word)
     evidence = evidence_of(model, model.findings[0])
@@ -196,6 +197,7 @@ def pictures_of(page: str) -> list[str]:
     return [values["alt"] for tag, values in Page(page).elements if tag == "img"]
 
 
+@pytest.mark.long
 def test_each_finding_is_shown(found: Diagnosed, page: str) -> None:
     assert list(numbered(found)) == [2]
     own = [alt for alt in pictures_of(page) if "finding 2, backlash at X" in alt]

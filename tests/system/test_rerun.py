@@ -34,6 +34,7 @@ def test_the_same_bytes(place: Path) -> None:
     assert tree(place) == before
 
 
+@pytest.mark.long
 def test_options_and_files_of_options(place: Path) -> None:
     write(Path("known/p.yaml"), "errormodel: 1\npriors:\n  X.dx.1: {low: -1, high: 1}\n")
     done("fit", MILL, "s.csv", "--robust", "--priors", "known/p.yaml", "--out", "r")
@@ -44,6 +45,7 @@ def test_options_and_files_of_options(place: Path) -> None:
     assert "p.yaml: no such input in" in result.err
 
 
+@pytest.mark.long
 def test_a_survey_with_its_files_and_a_folder(place: Path) -> None:
     write(Path("deep/er/survey.yaml"), "errormodel: 1\nfiles:\n  - {path: a.csv}\n")
     shutil.copy("s.csv", "deep/er/a.csv")

@@ -157,6 +157,7 @@ def test_the_same_fit_gives_the_same_bytes_and_nothing_is_written_over(arm: Path
     assert tree(arm) == before
 
 
+@pytest.mark.long
 def test_what_no_constant_is_becomes_the_nearest_constants_and_is_said(arm: Path, tmp_path: Path) -> None:
     """Gravity bends a joint, and another turns unevenly: most of it has a mean, and the rest is told with its size."""
     machine = read_machine(arm / "m.yaml")

@@ -25,6 +25,7 @@ from identification.plots.distances import draw_distances
 from tests.helpers.chains import Array, errors
 from tests.helpers.commands import MILL, XYZ, done
 from tests.helpers.commands import run as command
+from tests.helpers.nightly import first_of
 from tests.helpers.pages import Page
 from tests.helpers.surveys import FAR, TURNED, measured, positions, prediction_error, survey
 
@@ -79,7 +80,7 @@ WHERE = {
 }
 
 
-@pytest.mark.parametrize("where", WHERE)
+@pytest.mark.parametrize("where", first_of(WHERE))
 @pytest.mark.parametrize(("size", "way"), [(0.1, (0.6, 0.0, -0.8)), (1e6, (0.6, 0.0, -0.8)), (50.0, None)])
 def test_gross_outliers_move_nothing_and_are_named(where: str, way: Array | None, size: float) -> None:
     """The answer is that of the other ninety rows, whatever the ten say, and nobody else is accused."""
@@ -116,6 +117,7 @@ def test_a_tenth_of_gross_outliers_costs_less_than_a_fifth_of_the_uncertainty() 
     assert 0.85 < np.sqrt(np.mean(z**2)) < 1.15
 
 
+@pytest.mark.long
 def test_on_clean_data_it_is_nearly_least_squares() -> None:
     shifts, ratios = [], []
     for seed in range(6):
@@ -265,6 +267,7 @@ def test_the_start_is_the_smallest_sum_of_distances() -> None:
     assert judged.sigma["position"] == pytest.approx(SIGMA, rel=0.3)
 
 
+@pytest.mark.long
 def test_command(tmp_path: Path) -> None:
     """Named on the terminal, in fit.json, residuals.csv and the report; the same bytes again."""
     done("simulate", MILL, 80, "--noise", 0.002, "--out", tmp_path / "s.csv")

@@ -58,6 +58,7 @@ def test_a_displaced_axis_is_found_and_its_description_leaves_nothing(
     assert left(known, nothing, 0).rms_um < SECOND_ORDER_UM
 
 
+@pytest.mark.long
 def test_what_the_description_takes_is_nothing_for_the_tables(tmp_path: Path) -> None:
     machine = read_machine(TRUNNION)
     chain = Chain(machine)

@@ -93,6 +93,7 @@ def test_a_run_that_never_was_is_told(machine: Callable[[str], Machine]) -> None
         fit_machine(machine(OWN.replace("run(evening)", "run(evning)")), survey(*runs(), frame="per-run"))
 
 
+@pytest.mark.long
 def test_commands(machine: Callable[[str], Machine], tmp_path: Path) -> None:
     """From files to predictions, as a user has it."""
     write_machine(machine(OWN), tmp_path / "m.yaml")

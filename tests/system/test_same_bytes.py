@@ -35,6 +35,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("command", "survey"), first_of([("fit", "survey.yaml"), ("fit", "sub"), ("diagnose", "s.csv")])
 )
@@ -61,6 +62,7 @@ def test_from_another_folder(command: str, survey: str, place: Path, monkeypatch
     }
 
 
+@pytest.mark.long
 def test_a_label_that_is_a_formula(place: Path) -> None:
     table = pd.read_csv("data/s.csv")
     table["run"] = [FORMULAS[k % 4] for k in range(len(table))]
@@ -117,6 +119,7 @@ for words in {COMMANDS.splitlines()}:
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("localedef") is None, reason="makes a locale with decimal commas")
 def test_where_commas_are_decimal(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As in a program that sets the locale of its user and calls the commands."""

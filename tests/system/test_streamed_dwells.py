@@ -42,6 +42,7 @@ def log(places: int, seed: int = 0, unseen: float = 0.0) -> tuple[pd.DataFrame, 
     return pd.DataFrame(np.hstack([np.concatenate(commands), points]), columns=[*JOINTS, *XYZ]), true
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("unseen", [0.0, 0.05])
 @pytest.mark.parametrize("segment", [90, 777, 5000, 1 << 18])
 def test_dwells_are_those_of_the_whole_log(segment: int, unseen: float) -> None:

@@ -141,6 +141,7 @@ def test_correlated_noise_and_bounds_are_as_in_the_usual_fit() -> None:
     assert (np.abs((limited.solution.values - expected.solution.values)[base]) < 1e-4 * std).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("machine", [FIVE, MILL])
 def test_a_large_survey_gives_the_usual_fit_within_a_hundredth_of_its_uncertainty(machine: str) -> None:
     own = table(machine, 12_000)
@@ -178,6 +179,7 @@ def once(whole: Path) -> Fit:
     return fit_rows(model, open_rows(whole, model), sizing=SMALL)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["parquet", "csv"])
 def test_the_parts_of_a_survey_do_not_matter(whole: Path, once: Fit, kind: str, tmp_path: Path) -> None:
     own, model = pd.read_parquet(whole), read_machine(FIVE)
@@ -189,6 +191,7 @@ def test_the_parts_of_a_survey_do_not_matter(whole: Path, once: Fit, kind: str, 
     assert estimates(fit_rows(model, open_rows(tmp_path, model), sizing=SMALL)) == estimates(once)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("crew", first_of([Crew(workers=2), Crew("dask", 2)]), ids=["processes", "dask"])
 def test_who_works_does_not_matter(whole: Path, once: Fit, crew: Crew) -> None:
     if crew.engine == "dask":
@@ -197,6 +200,7 @@ def test_who_works_does_not_matter(whole: Path, once: Fit, crew: Crew) -> None:
     assert estimates(fit_rows(model, open_rows(whole, model), crew=crew, sizing=SMALL)) == estimates(once)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sizing", [Sizing(900, 6000, 6000), Sizing(900, 170, 170), Sizing(900, 2500, 77)])
 def test_sizes_of_blocks_matter_to_round_off(whole: Path, once: Fit, sizing: Sizing) -> None:
     model = read_machine(FIVE)
@@ -293,6 +297,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     return tmp_path
 
 
+@pytest.mark.long
 def test_the_commands(folder: Path) -> None:
     done("simulate", MILL, 700, "--stream", "--noise", 0.002, "--out", "rows.parquet")
     text = done("fit", MILL, "rows.parquet", "--stream", "--residuals", "--out", "s").out

@@ -40,6 +40,7 @@ def turned(survey: Survey) -> Survey:
     return replace(survey, table=survey.table.assign(dir_X=side))
 
 
+@pytest.mark.long
 def test_what_is_taken_over_has_the_scores_that_it_has_anew(survey: Survey) -> None:
     before = set_up_of(survey)
     first = Searched.of(before, proposed(before))

@@ -132,6 +132,7 @@ def test_the_model_is_a_machine_that_fits_and_predicts(modelled: Path) -> None:
     assert f"no column '{extended.effects[0].options['sensor']}'" in ended.err
 
 
+@pytest.mark.long
 def test_a_fit_of_the_extended_machine_takes_the_same_survey(modelled: Path) -> None:
     """A test file of error motions alone is no reason to stop."""
     done("fit", modelled / "out/machine.yaml", modelled, "--out", modelled / "refit")

@@ -64,6 +64,7 @@ def test_a_finding_beside_something_larger_that_wanders_stays() -> None:
     assert [s.effect for s in left.steps] == [found]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [3, 5])
 def test_what_the_travel_leaves_behind_is_no_curve_of_it(seed: int) -> None:
     """A state that the ends of strokes set, of 8 um in one direction: no curve of the position is its cause."""
@@ -82,7 +83,7 @@ def test_what_the_travel_leaves_behind_is_no_curve_of_it(seed: int) -> None:
     assert found.verdict != "adequate"
 
 
-@pytest.mark.parametrize("jumps", [1, 2])
+@pytest.mark.parametrize("jumps", first_of([1, 2]))
 def test_a_hidden_state_is_modelled_where_and_when_it_changes(jumps: int, tmp_path: Path) -> None:
     """A seat that tips once, or there and back: no effect with a name does, and later poses are predicted better."""
     machine, rows = read_machine("vertical_three_axis"), 300
@@ -110,6 +111,7 @@ def test_a_hidden_state_is_modelled_where_and_when_it_changes(jumps: int, tmp_pa
     assert errors[1] < (0.5 if jumps == 1 else 1.0) * errors[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("timed", first_of([True, False]))
 def test_beside_a_hidden_state_what_it_was_noise_to_is_named(timed: bool) -> None:
     """A seat that tips there and back, and a spindle that grows; with times, or with the order of the rows alone."""

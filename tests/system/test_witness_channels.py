@@ -93,6 +93,7 @@ def test_an_encoder_that_stays_brings_the_name_down() -> None:
     assert "w_encoder_X_um does not show what backlash of X would do" in found.statement
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["w_encoder_Y", "w_level_X", "w_humidity", "w_current_X"])
 def test_who_does_not_stand_there_says_nothing(name: str) -> None:
     found = diagnosed(**{name: noise(1e-6)})

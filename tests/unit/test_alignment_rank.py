@@ -52,6 +52,7 @@ def test_no_rotation_is_taken_from_the_misfit(
         assert spread[1] > 0.3 * noise / np.sqrt(n)  # else any rotation would do
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n", [2, 3, 4, 6, 12, 48, 500])
 def test_a_point_seen_often_never_turns(n: int) -> None:
     """Nominal points that differ by rounding only, measured with errors ten times as large: 200 times each."""
@@ -106,6 +107,7 @@ def test_few_points_seldom_look_turned_or_sure_by_chance(n: int, spread: float) 
     assert sum(on_a_line(spread, n, seed) < 3 for seed in range(300)) <= 4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("missing", [[2], [0]])
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=40)

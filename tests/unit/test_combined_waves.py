@@ -33,6 +33,7 @@ def test_no_wave_is_found_in_noise(kind: str) -> None:
         assert largest_wave(linear(nothing, NOISES[kind](rng), rng)) is None, seed
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("order", first_of(["X", "Y"]))
 def test_no_wave_is_found_where_noise_follows_the_path(order: str) -> None:
     """Rows in the order of a joint's positions: what is correlated in time is in space."""
@@ -43,6 +44,7 @@ def test_no_wave_is_found_where_noise_follows_the_path(order: str) -> None:
         assert largest_wave(model) is None, seed
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("error", "joints", "signs"), [(belts, ("X", "Y"), -1), (one_joint, ("X",), 1)])
 def test_a_wave_is_found_with_its_periods(
     error: Callable[[dict[str, Array]], Array], joints: tuple[str, ...], signs: int

@@ -34,6 +34,7 @@ from tests.benchmarks.compensation import Case, judged
 from tests.helpers.chains import errors
 from tests.helpers.commands import MILL
 from tests.helpers.compensation import UM, tables_of, volume_of
+from tests.helpers.nightly import first_of
 from tests.helpers.surveys import measured, positions, survey
 
 pytestmark = pytest.mark.usefixtures("few_poses")
@@ -305,7 +306,9 @@ def turntable(part: tuple[float, float]) -> Volume:
     return Volume.of(volume.field, table, True)
 
 
-@pytest.mark.parametrize("name", ["isg", "csv", "siemens-cec", "heidenhain", "aerotech-2d", "linuxcnc-3d", "pmac"])
+@pytest.mark.parametrize(
+    "name", first_of(["isg", "csv", "siemens-cec", "heidenhain", "aerotech-2d", "linuxcnc-3d", "pmac"], 3)
+)
 def test_a_table_that_goes_round_is_alike_at_both_ends_of_its_turn(name: str) -> None:
     """A survey never reaches 0 and 360 deg themselves, which are one place: there must be no jump."""
     controller, tables, setup = tables_of(name, turntable((0.0005, 0.9992)))
@@ -335,6 +338,7 @@ def test_a_part_of_a_turn_does_not_go_round() -> None:
     assert not setup.axis("C").turns
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["siemens-cec", "linuxcnc-3d", "csv"])
 def test_the_step_where_a_part_of_a_turn_begins_anew_is_that_of_the_control(name: str) -> None:
     """C measured over a third of its turn: a control that counts modulo 360 steps there."""

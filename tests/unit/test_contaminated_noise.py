@@ -53,6 +53,7 @@ def test_three_rows_far_out_are_found_nearly_always(components: int) -> None:
     assert np.mean([contaminated(squares(noise), components)[0] > CLEARLY for noise in surveys]) > 0.9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("components", [1, 3])
 @pytest.mark.parametrize("free", [3.0, 5.0, 8.0, 1e6])
 @pytest.mark.parametrize("together", [True, False])

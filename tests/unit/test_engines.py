@@ -51,6 +51,7 @@ def test_every_job_has_its_result_and_a_failure_stops_no_other(crew: Crew) -> No
     assert results(crew, []) == {}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ahead", [2, 12])
 @pytest.mark.parametrize("crew", CREWS[1:], ids=lambda c: f"{c.engine}-{c.workers}")
 def test_workers_may_die(crew: Crew, ahead: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

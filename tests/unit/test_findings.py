@@ -319,6 +319,7 @@ def test_moved_where_rows_are_thinned() -> None:
         assert after[name] - before.solution.named()[name] == pytest.approx(step, rel=0.2, abs=1e-6)
 
 
+@pytest.mark.long
 def test_a_blunder_is_told_by_held_out_errors() -> None:
     machine = read_machine("vertical_three_axis")
     survey = survey_of(machine, random_points(machine, 120, 3), {})
@@ -341,6 +342,7 @@ def test_a_blunder_is_told_by_held_out_errors() -> None:
     assert result.ranking == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("column", ["mx", "Y"])
 def test_a_reflection_that_several_columns_explain_is_blamed_on_none(column: str) -> None:
     """X and Y reach as far on either side of zero: the mirrored table is the same, whichever column was mirrored."""

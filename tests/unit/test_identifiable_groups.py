@@ -181,6 +181,7 @@ def check_combinations(chain: Chain, groups: Groups, seed: int) -> None:
         assert moved[1] < 0.27 * moved[0] + 1e-12 * chain.size, own[j]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MACHINES)
 def test_combinations_of_the_library(name: str) -> None:
     chain = Chain(read_machine(name))

@@ -54,6 +54,7 @@ def test_every_kernel_of_the_library_is_casadi(name: str) -> None:
     check_chain(machine, errors(Chain(machine), 1, um=1e3, urad=1e4), 50)
 
 
+@pytest.mark.long
 @settings(max_examples=12)
 @given(machines(), st.integers(0, 99))
 def test_every_kernel_of_any_chain_is_casadi(machine: Machine, seed: int) -> None:
@@ -204,6 +205,7 @@ def check_derivative(machine: Machine, p: Array) -> None:
         np.testing.assert_allclose(m[k, 3:], turned, rtol=0, atol=3e-8 * max(unit[k], 1e-12), err_msg=chain.ids[k])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MACHINES)
 def test_m_is_the_derivative_everywhere(name: str) -> None:
     machine = read_machine(name)
@@ -211,6 +213,7 @@ def test_m_is_the_derivative_everywhere(name: str) -> None:
         check_derivative(machine, np.random.default_rng(2).normal(0, size, len(Chain(machine).ids)))
 
 
+@pytest.mark.long
 @settings(max_examples=10)
 @given(machines(most_joints=4), st.integers(0, 9))
 def test_m_of_any_chain_is_its_derivative(machine: Machine, seed: int) -> None:

@@ -62,6 +62,7 @@ def test_sound_rows_are_left_alone(seed: int, tmp_path: Path) -> None:
     assert not masked_rows(fit_machine(machine, survey), robust).any()
 
 
+@pytest.mark.long
 def test_rows_that_are_only_eight_times_the_noise_are_found_at_last(tmp_path: Path) -> None:
     """They are no gross rows at first, when they may be physics; once nothing explains them they are left out."""
     rng = np.random.default_rng(11)

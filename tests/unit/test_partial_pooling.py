@@ -84,6 +84,7 @@ def test_machines_that_are_out_do_not_widen_what_is_normal() -> None:
     assert (result.p[:30] < 1e-12).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("machines", first_of([20, 6, 200]))
 def test_false_alarms_of_one_machine_are_as_many_as_said(machines: int) -> None:
     """Of 6000 normal machines, at a probability of 1 %.
@@ -226,6 +227,7 @@ def test_a_fleet_of_five_types() -> None:
     assert [(r["type"], r["name"]) for _, r in common.iterrows()] == [("type 3", "q4")]
 
 
+@pytest.mark.long
 def test_a_healthy_fleet_has_no_machine_to_visit() -> None:
     """At a rate of 1 %, in 20 fleets: at most two by the binomial distribution (P of three or more below 0.002)."""
     alarms = sum(bool(drawn_fleet(kinds(1, 10), 40, ailing=0.0, seed=s).found) for s in range(20))

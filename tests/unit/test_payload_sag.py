@@ -32,6 +32,7 @@ def test_it_has_one_place(fields: dict[str, object]) -> None:
         make(EffectSpec("payload-sag", fields))
 
 
+@pytest.mark.long
 def test_a_member_that_the_load_tilts_is_named() -> None:
     survey = empty_survey(MACHINE, 200, 5, channels=False, grid=False)
     loads = np.random.default_rng(1).choice([0.0, 40.0, 80.0], len(survey.table))

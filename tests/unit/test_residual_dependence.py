@@ -14,7 +14,7 @@ from tests.helpers.linear_models import NOISES, ROWS, linear, nothing
 from tests.helpers.nightly import first_of
 
 
-@pytest.mark.parametrize("kind", first_of(NOISES, 2))
+@pytest.mark.parametrize("kind", first_of(NOISES))
 def test_noise_of_any_kind_is_independent(kind: str) -> None:
     for seed in range(40):
         rng = np.random.default_rng(seed)
@@ -69,6 +69,7 @@ def wandering(columns: dict[str, Array]) -> Array:
     return 3.5 * out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("error", "tilts", "channels", "element"),
     [

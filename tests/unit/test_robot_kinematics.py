@@ -154,6 +154,7 @@ def test_a_file_of_the_maker_is_read_and_comes_back_as_it_was() -> None:
         assert np.abs(before - after).max() < 1e-12, member
 
 
+@pytest.mark.long
 @settings(max_examples=60)
 @given(st.data())
 def test_any_chain_survives_every_format(data: st.DataObject) -> None:

@@ -28,6 +28,7 @@ errors: {{shapes: all, joints: {{X: {model}, Y: {model}, Z: {model}}}}}
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("robust", [False, True])
 @pytest.mark.parametrize(
     ("model", "seed"), first_of([("{polynomial: 3}", 4), ("first-order", 17), ("first-order", 28)])

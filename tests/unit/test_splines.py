@@ -12,6 +12,7 @@ from errormodel.effects.ops import Value
 from errormodel.effects.shared import closed_splines, splines
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("curve", "least"), [(splines, 2), (closed_splines, 5)])
 @given(data=st.data())
 def test_arrays_and_symbols_have_one_value(curve: object, least: int, data: st.DataObject) -> None:

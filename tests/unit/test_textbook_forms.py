@@ -82,11 +82,13 @@ def findings_of(machine: Machine, spec: EffectSpec, values: list[float], **colum
     return [(f.effect, f.where) for f in findings]
 
 
+@pytest.mark.long
 def test_an_axis_on_a_cone_is_no_compliance_of_the_next_joint() -> None:
     spec = EffectSpec("wobble", {"joint": "B", "harmonic": 2, "whirl": "forward"})
     assert findings_of(TABLE, spec, [3e-5, 2e-5]) == [("wobble", "B")]
 
 
+@pytest.mark.long
 def test_a_spindle_that_grows_over_the_air() -> None:
     hours = np.linspace(0, 6, 260)
     air, own = 19 + 3 * np.sin(hours), 24 + 6 * np.sin(2.1 * hours + 1)
@@ -96,6 +98,7 @@ def test_a_spindle_that_grows_over_the_air() -> None:
     ]
 
 
+@pytest.mark.long
 def test_a_table_that_was_on_in_the_first_of_two_runs() -> None:
     spec = EffectSpec("compensation-active", {"joint": "X", "points": 7, "run": "1"})
     values = [0.0, 0.03, -0.02, 0.025, -0.03, 0.02, 0.0]
