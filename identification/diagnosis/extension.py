@@ -37,7 +37,7 @@ from identification.diagnosis.search.model_comparison import compare_alternative
 from identification.diagnosis.search.proposals import enough_rows, proposed
 from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.search.taken_over import Searched
-from identification.diagnosis.search.whole_models import weighed_as_whole
+from identification.diagnosis.search.whole_models import Whole, weighed_as_whole
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
 from identification.runtime.memory import give_back
@@ -102,8 +102,13 @@ def explained(
     looked = dict[object, Array]()
     selected = forward_select(linear, candidates, progress, log=log, looked=looked)
     give_back()
-    chosen, models = compare_alternatives(selected, candidates, progress, log, looked, jumps_instead(selected, log))
-    if (known := likelier_sides(survey, linear, [s.effect for s in chosen.steps], log)) is not None:
+    known = likelier_sides(survey, linear, [s.effect for s in selected.steps], log)
+    chosen, models = selected, list[Whole]()
+    if known is None:
+        chosen, models = compare_alternatives(selected, candidates, progress, log, looked, jumps_instead(selected, log))
+    if known is None and chosen is not selected:
+        known = likelier_sides(survey, linear, [s.effect for s in chosen.steps], log)
+    if known is not None:
         log.again()
         before = [searched]
         del linear, candidates, searched, selected, chosen, models

@@ -33,10 +33,10 @@ def survey() -> Survey:
     return survey_of(true, random_points(MILL, 150, 5), {"X.dx.backlash": 0.03})
 
 
-def turned(survey: Survey) -> Survey:
+def turned(survey: Survey, every: int = 7) -> Survey:
     """With every seventh direction of X the other one."""
     side = direction(survey.table, "X").copy()
-    side[::7] *= -1
+    side[::every] *= -1
     return replace(survey, table=survey.table.assign(dir_X=side))
 
 
@@ -65,6 +65,24 @@ def test_what_is_taken_over_has_the_scores_that_it_has_anew(survey: Survey) -> N
     kept = again.linear.lineage.known.answers
     assert len(before.lineage.known.answers) == 1
     assert len(kept) == (not any(map(follows_sides, one.channels(MILL))))
+
+
+def test_directions_that_change_twice_leave_all_candidates_and_no_old_scores(survey: Survey) -> None:
+    """Of three searches the third began with what follows directions only, and knew scores beside old ones."""
+    linear = set_up_of(survey)
+    searched = Searched.of(linear, proposed(linear))
+    sided = next(e for e in searched.candidates.effects if any(map(follows_sides, e.channels(MILL))))
+    for every in (7, 5):
+        searched.candidates.scores(searched.linear.with_effect(sided))
+        linear = set_up_of(turned(survey, every))
+        searched = searched.again(linear, proposed(linear))
+    anew = Searched.of(linear, proposed(linear))
+    place = {effect: n for n, effect in enumerate(searched.candidates.effects)}
+    assert place.keys() == {*anew.candidates.effects}
+    order = [place[effect] for effect in anew.candidates.effects]
+    for one, other in ((searched.linear, linear), (searched.linear.with_effect(sided), linear.with_effect(sided))):
+        evidence = searched.candidates.scores(one).evidence[order]
+        np.testing.assert_allclose(evidence, anew.candidates.scores(other).evidence, rtol=1e-4, atol=1e-3)
 
 
 def test_nothing_is_taken_over_from_other_rows(survey: Survey) -> None:

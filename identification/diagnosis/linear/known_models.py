@@ -29,6 +29,10 @@ class Latest:
         other._bytes, other._kept = self._bytes, self._kept.copy()
         return other
 
+    def clear(self) -> None:
+        """Keep nothing."""
+        self._bytes, self._kept = 0, OrderedDict()
+
     def find(self, key: Hashable) -> Any:
         """What is kept by that key; None where nothing is."""
         if key not in self._kept:
@@ -73,6 +77,11 @@ class Known:
         parts, products = self.parts.copy(), self.products.copy()
         numbers, moves, answers = self.numbers.copy(), self.moves.copy(), self.answers.copy()
         return Known(further, columns, filtered, parts, products, numbers, moves, answers)
+
+    def only_answers(self) -> None:
+        """Forget all that takes up memory."""
+        for large in (self.further, self.columns, self.filtered, self.parts, self.products):
+            large.clear()
 
     def of_columns(self) -> Known:
         """What does not depend on what was measured."""

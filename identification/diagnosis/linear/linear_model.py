@@ -256,6 +256,11 @@ class LinearModel:
         lineage = self.lineage and replace(self.lineage, known=self.lineage.known.copy())
         return replace(self, lineage=lineage)
 
+    def ended(self) -> None:
+        """The search is over: of what it has made only the answers are still wanted."""
+        if self.lineage is not None:
+            self.lineage.known.only_answers()
+
     def learn(self, branch: LinearModel) -> None:
         """Take over the answers that a branch has found."""
         if self.lineage is not None and branch.lineage is not None:

@@ -6,7 +6,7 @@ A shape parameter is averaged over its grid: that is its trials factor. All log 
 from __future__ import annotations
 
 from collections import Counter, OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from math import log
@@ -109,7 +109,17 @@ class Candidates:
         known = OrderedDict[Lineage, Scored]()
         for lineage, (evidence, delta_chi2, absorbed, expected) in self._known.items():
             known[lineage] = evidence[kept], delta_chi2[kept], absorbed[kept], expected[kept]
-        return Candidates(effects, blocks, [e.key for e in effects], (), known)
+        ends = np.cumsum([len(part.effects) for part in self.parts], dtype=int)
+        own = zip(self.parts, np.split(kept, ends)[:-1], strict=True)
+        parts = tuple(part.part(some) for part, some in own if some.any())
+        return Candidates(effects, blocks, [e.key for e in effects], parts, known)
+
+    def without(self, lost: Callable[[Effect], bool]) -> Candidates:
+        """Those whose columns are not lost, and their scores beside effects whose columns are not."""
+        some = self.part(np.array([not lost(e) for e in self.effects]))
+        parts = tuple(part.without(lost) for part in some.parts)
+        known = OrderedDict((key, own) for key, own in some._known.items() if not any(map(lost, key.effects)))
+        return Candidates(some.effects, some.blocks, some.keys, parts, known)
 
     @cached_property
     def of_key(self) -> dict[tuple[object, ...], list[int]]:
@@ -138,6 +148,13 @@ class Candidates:
         parts = tuple(part.branch() for part in self.parts)
         known = self._known.copy(), self._products.copy(), self._begun.copy(), self._survey
         return Candidates(self.effects, self.blocks, self.keys, parts, *known)
+
+    def ended(self) -> None:
+        """The search is over: of what it has made only the scores are still wanted."""
+        self._products.clear()
+        self._begun.clear()
+        for part in self.parts:
+            part.ended()
 
     def learn(self, branch: Candidates) -> None:
         """Take over the scores that a branch has found."""

@@ -143,8 +143,14 @@ def _searched_from(
     begin: list[Step],
     log: DecisionLog,
 ) -> tuple[Step, ...]:
-    """The steps of a search that begins with some; scored beside each other where its log evidence is not too low."""
-    return forward_select(start, candidates, silent, begin, log, looked, lowest).steps
+    """The steps of a search that begins with some; scored beside each other where its log evidence is not too low.
+
+    Of its own `start` and `candidates` answers and scores are kept: several searches wait until the last has ended.
+    """
+    steps = forward_select(start, candidates, silent, begin, log, looked, lowest).steps
+    start.ended()
+    candidates.ended()
+    return steps
 
 
 def empirical_evidence(model: EffectModel) -> float:

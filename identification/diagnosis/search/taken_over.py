@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -30,14 +31,17 @@ class Searched:
     def again(self, linear: LinearModel, library: Sequence[Effect]) -> Searched:
         """The same of a linear model whose directions of approach are others: only what follows these is made anew."""
         machine, before = linear.chain.machine, self.linear
-        follows = {e: any(map(follows_sides, e.channels(machine))) for e in {*self.library, *library}}
-        steady = [[e for e in own if not follows[e]] for own in (self.library, library)]
+
+        @cache
+        def follows(effect: Effect) -> bool:
+            return any(map(follows_sides, effect.channels(machine)))
+
+        steady = [[e for e in own if not follows(e)] for own in (self.library, library)]
         if before.lineage is None or steady[0] != steady[1] or not _alike(before, linear):
             return Searched.of(linear, library)
-        known = before.lineage.known.without(lambda e: any(map(follows_sides, e.channels(machine))))
-        linear = replace(linear, lineage=Lineage(known=known))
-        kept = self.candidates.part(np.array([not follows[e] for e in self.candidates.effects]))
-        return Searched(linear, library, kept.joined(Candidates.of(linear, [e for e in library if follows[e]])))
+        linear = replace(linear, lineage=Lineage(known=before.lineage.known.without(follows)))
+        kept = self.candidates.without(follows)
+        return Searched(linear, library, kept.joined(Candidates.of(linear, [e for e in library if follows(e)])))
 
 
 def _alike(one: LinearModel, other: LinearModel) -> bool:
