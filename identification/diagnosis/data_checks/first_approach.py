@@ -128,23 +128,24 @@ def _without_each(linear: LinearModel, effects: Sequence[Effect]) -> list[Linear
 
 
 def _gains(every: Sequence[LinearModel], sides: Mapping[str, Array], turned: Sequence[Mapping[str, Array]]) -> Array:
-    """Log evidence (k, n) of k other sides beside each of n models, over that of the `sides` beside the first.
+    """Log evidence (k, n) of k other sides beside each of n models, over that of the `sides`.
 
-    By Schwarz's criterion. A model without a finding is likelier by as much as a finding is unlikely beforehand: a side
-    that nothing states is not.
+    By Schwarz's criterion, over the `sides` beside the first model and beside the same one: a model without a finding
+    may be the likelier one by itself. It is so by as much as a finding is unlikely beforehand: a side that nothing
+    states is not.
     """
     first = every[0]
     square, rank = _left_beside(first, sides)
     per_column = float(np.log(len(first.index))) / 2
-    gains = np.empty((len(turned), len(every)))
+    evidence = np.empty((1 + len(turned), len(every)))
     for n, beside in enumerate(every):
         spared = first.basis.shape[1] - beside.basis.shape[1]
-        for k, own in enumerate(turned):
+        for k, own in enumerate((sides, *turned)):
             left, other = _left_beside(beside, own)
             # no reward for a sign with which motions follow the geometry instead
             further = max(other + spared - rank, 0) - spared
-            gains[k, n] = first.freedom / 2 * np.log(square / left) - further * per_column + CLEAR * (n > 0)
-    return gains
+            evidence[k, n] = first.freedom / 2 * np.log(square / left) - further * per_column + CLEAR * (n > 0)
+    return np.asarray(evidence[1:] - np.maximum(evidence[0, 0], evidence[0]))
 
 
 def _left_beside(beside: LinearModel, sides: Mapping[str, Array]) -> tuple[float, int]:

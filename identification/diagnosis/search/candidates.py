@@ -110,8 +110,8 @@ class Candidates:
         for lineage, (evidence, delta_chi2, absorbed, expected) in self._known.items():
             known[lineage] = evidence[kept], delta_chi2[kept], absorbed[kept], expected[kept]
         ends = np.cumsum([len(part.effects) for part in self.parts], dtype=int)
-        own = zip(self.parts, np.split(kept, ends)[:-1], strict=True)
-        parts = tuple(part.part(some) for part, some in own if some.any())
+        of_parts = zip(self.parts, np.split(kept, ends)[:-1], strict=True)
+        parts = tuple(part.part(own) for part, own in of_parts if own.any())
         return Candidates(effects, blocks, [e.key for e in effects], parts, known)
 
     def without(self, lost: Callable[[Effect], bool]) -> Candidates:
