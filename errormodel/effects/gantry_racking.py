@@ -84,7 +84,9 @@ class GantryRacking(JointEffect):
 
 
 def _of_drives(name: str, joint: Joint) -> bool:
-    """Whether a column is a record of a joint's two drives by its name: ``w_sync``, or ``w_x2_minus_x1`` of X."""
+    """Whether a column is by its name of a joint's two drives: ``w_sync``; ``w_x2``, ``w_x2_minus_x1`` of X."""
     word = name.lower()
-    one = rf"{re.escape(joint.name.lower())}_?\d"
-    return any(hint in word for hint in DRIVE_NAME_HINTS) or re.search(f"{one}.*{one}", word) is not None
+    return (
+        any(hint in word for hint in DRIVE_NAME_HINTS)
+        or re.search(rf"(?<![a-z]){re.escape(joint.name.lower())}_?\d", word) is not None
+    )

@@ -25,7 +25,8 @@ FORMS = ("linear", "square", "cubic")
 OVERTONES = (1, 2, 3, 5)  # steps have the odd ones
 SMOOTH = 8  # functions of one position
 CHANGES = 4  # of them, by which the size of a wave changes along the travel
-DISTINCT = {"feed", "load", "point_x", "point_y", "point_z"}  # what follows them is no form of what does not
+# what follows one of them, or a witness, is no form of what does not
+DISTINCT = {"feed", "load", "point_x", "point_y", "point_z"}
 
 
 def forms(linear: LinearModel, effect: Effect) -> Iterator[Effect]:
@@ -197,14 +198,11 @@ def by_clock_alone(effect: Effect) -> bool:
 
 
 def distinct(one: Effect, other: Effect) -> bool:
-    """Whether a driver of only one of two effects makes them distinguishable (`DISTINCT`)."""
-    return bool(
-        (
-            (base_channels(other) - base_channels(one))
-            | (set() if other.empirical else base_channels(one) - base_channels(other))
-        )
-        & DISTINCT
-    )
+    """Whether a driver of only one of two effects makes them distinguishable (`DISTINCT`, or a witness)."""
+    only = base_channels(other) - base_channels(one)
+    if not other.empirical:
+        only |= base_channels(one) - base_channels(other)
+    return any(name in DISTINCT or name.startswith("w_") for name in only)
 
 
 def left_over(model: EffectModel, step: Step) -> int | None:
