@@ -199,6 +199,8 @@ def plan_columns(table: Table, machine: Machine, columns: Mapping[str, str], mea
             hints = ["error motions need a column 'joint' with the joint's name"]
         found = "no measured column" + (f" ({', '.join(hints)})" if hints else "")
         raise InputError(where, found, f"Name what was measured mx my mz. Found: {', '.join(named)}")
+    if measured and any(name in ours for name in MEASURED):
+        _refuse_misspelt(where, unused, ours, machine)
     _all_or_none(where, ours, ORIENTATION)
     return Plan(ours, missing, tuple(_notes(unused, ours, machine)))
 
@@ -233,6 +235,16 @@ def _all_or_none(where: str, ours: Mapping[str, str], names: tuple[str, ...]) ->
         raise InputError(
             where, f"{' '.join(n for n in names if n in ours)} without {' '.join(lacking)}", "Give all of them or none"
         )
+
+
+def _refuse_misspelt(where: str, unused: list[str], ours: Mapping[str, str], machine: Machine) -> None:
+    """InputError where one of the measured components is missing beside others, and a name is nearly its own."""
+    for theirs in unused:
+        our = _near(theirs, machine)
+        if our in MEASURED and our not in ours:
+            seen = " ".join(name for name in MEASURED if name in ours)
+            cure = f"Name it '{our}', or write columns: {{{our}: \"{theirs}\"}} in a survey.yaml; or leave it out"
+            raise InputError(where, f"'{theirs}' beside {seen}, and no {our}", cure)
 
 
 def machine_columns(machine: Machine) -> list[str]:

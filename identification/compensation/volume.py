@@ -326,7 +326,7 @@ def levels(table: pd.DataFrame, channels: list[str]) -> list[dict[str, float]]:
     Cold, middle and warm rows where temperatures varied; each time of a warm-up measured at a few times; otherwise one
     empty state.
     """
-    warmth = [c for c in channels if c.startswith("T_") and c in table]
+    warmth = [c for c in dict.fromkeys(channels) if c.startswith("T_") and c in table]
     known = [c for c in warmth if np.ptp(table[c].dropna().to_numpy(dtype=np.float64)) > 1.0]
     if not known:
         times = np.unique(table["time"].dropna()) if "time" in channels and "time" in table else np.zeros(0)

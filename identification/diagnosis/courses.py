@@ -70,8 +70,10 @@ def with_courses(
 def _left(found: Explanation, progress: Progress, log: DecisionLog) -> Dependence | None:
     """On what it depends what is left."""
     with progress("Testing what is left"):
-        components = 3 if found.final.fitted.n else 1
-        return dependence_of(found.model.linear, 1e3 * noise_mm(found.before), log, components, found.wave)
+        components, start = 3 if found.final.fitted.n else 1, found.model.start
+        # of one whitened observation: where noise was declared it is not what the fit before left
+        sigma_um = 1e3 * noise_mm(found.before) / float(np.sqrt(start.square / start.freedom))
+        return dependence_of(found.model.linear, sigma_um, log, components, found.wave)
 
 
 def _fitted(

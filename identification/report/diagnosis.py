@@ -113,9 +113,7 @@ def _heldout(diagnosed: Diagnosed) -> str:
     rows = max(int(seen.any(axis=1).sum()), 1)
     noise = diagnosis.noise_um * float(np.sqrt(seen.sum() / rows))
     before, after = (s["heldout_rms_um"] for s in (diagnosis.baseline, diagnosis.final))
-    declared = diagnosed.final.declared & {"position", *(r.type for r in diagnosis.readings)}
-    what = "the declared noise" if declared else "noise, as the residuals show it,"
-    text = f"{short(_value(after))} µm rms, of which {what} makes {short(noise)} µm"
+    text = f"{short(_value(after))} µm rms; where they were fitted {short(noise)} µm are left"
     if diagnosis.findings and before != after:  # a corrected table was used by the first fit already
         text = f"{short(_value(before))} µm rms without the findings, {text.replace(' µm rms', ' µm rms with them', 1)}"
     return f"Rows that were left out of the fit are predicted to {text}."

@@ -274,7 +274,7 @@ def test_a_twisted_bed_is_advised_to_be_levelled() -> None:
 
 def test_levels_are_states_that_were_there() -> None:
     table = pd.DataFrame({"T_a": [20.0, 21, 25, 30], "T_b": [30.0, 29, 25, 20.5], "T_c": [20.0, 20.1, 20.2, 20.1]})
-    states = levels(table, ["T_a", "T_b", "T_c", "T_none"])
+    states = levels(table, ["T_a", "T_a", "T_b", "T_c", "T_none"])  # of two effects
     assert all({*s} == {"T_a", "T_b"} for s in states)
     assert all(((table["T_a"] == s["T_a"]) & (table["T_b"] == s["T_b"])).any() for s in states)
     assert levels(table, ["T_c"]) == [{}]

@@ -117,7 +117,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "declared-station": Rule(
             NOISE, GAIN, "A declared station that fits better as a point of the machine is named.",
-            _in(_NOISE, "CLEAR"),
+            _in(_NOISE, "CLEAR") + _decided("MISFIT_RATIO"),
         ),
         # ---- candidates
         "rows-used": Rule(

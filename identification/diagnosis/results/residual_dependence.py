@@ -65,13 +65,18 @@ class Dependence:
 
     @property
     def text(self) -> str:
+        """The dependence in words, and what to measure."""
+        return f"{self.statement}. {self.next_measurement}"
+
+    @property
+    def statement(self) -> str:
         """The dependence in words."""
         if not self.channels:
             return (
                 f"what is left varies from row to row as {self.motion} of {self.element} would "
                 f"(p = {self.p_value:.0e}), by {self.size_um:.1f} um rms, most along {self.axis}: a motion that does "
                 "not repeat, one of several joints together, states that no column shows, or an instrument that is "
-                f"worse this way. {self._next()}"
+                "worse this way"
             )
         on = " and ".join(map(_words, self.channels))
         moves = f", most of it {self.motion} of {self.element}," if self.motion else ""
@@ -79,10 +84,11 @@ class Dependence:
         depends = f"repeats every {' and every '.join(every)}" if every else f"depends on {on}"
         return (
             f"what is left{moves} {depends} (p = {self.p_value:.0e}), in a form that no effect with a name has; "
-            f"along {self.axis} this explains {self.size_um:.1f} um rms. {self._next()}"
+            f"along {self.axis} this explains {self.size_um:.1f} um rms"
         )
 
-    def _next(self) -> str:
+    @property
+    def next_measurement(self) -> str:
         """What to measure: time cannot be set."""
         if not self.channels:
             return "Return to one position again and again from elsewhere, and look whether it repeats"

@@ -88,9 +88,14 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
         log.add("few-degrees-of-freedom", "found", "residuals", s.dof, FEW_DOF)
     if not reason and dependence is None and not wanders and not few:
         return Verdict("explained" if found else "adequate", None, tuple(notes))
-    text = f"{_length(final):.1f} um rms where {reason}; {largest(final)}" if reason else ""
-    text = "; ".join(filter(None, (text, dependence.text if dependence else "", wanders, few)))
     points = final.fitted.n > 0
+    if dependence is not None and points:  # weighed by uncertainties a part may be larger than the whole, in um
+        dependence = replace(dependence, size_um=min(dependence.size_um, _length(final)))
+    text = f"{_length(final):.1f} um rms where {reason}; {largest(final)}" if reason else ""
+    depends = ""
+    if dependence is not None:  # what wanders too asks for the same measurement
+        depends = dependence.statement if dependence.next_measurement in wanders else dependence.text
+    text = "; ".join(filter(None, (text, depends, wanders, few)))
     excess = _length(final) * float(np.sqrt(1 - 1 / ratio)) if points else 0.0
     systematic = max(excess, dependence.size_um if dependence else 0.0) / float(np.sqrt(3 if points else 1))
     return Verdict("partly-explained" if found else "unexplained", text, tuple(notes), systematic)

@@ -18,6 +18,7 @@ from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.instruments.plain import Plain
 from errormodel.survey import Survey
 from errormodel.surveys.columns import SIGMA_COLUMNS
+from identification.diagnosis.decisions.constants import MISFIT_RATIO
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.residual_rows import by_rows, unwhitened
@@ -264,11 +265,11 @@ def station_notes(fit: Fit, log: DecisionLog = UNRECORDED) -> Iterator[str]:
     if whole.sum() < FEWEST:
         return
     other = tracker.model_copy(update={"station": tuple(float(x) for x in moved)})
-    declared, turned = (_log_likelihood(t, points[whole], residuals[whole]) for t in (tracker, other))
-    log.add(
-        "declared-station", "found" if turned - declared > CLEAR else "passed", "instrument", turned - declared, CLEAR
-    )
-    if turned - declared > CLEAR:
+    (declared, _), (turned, size) = (_log_likelihood(t, points[whole], residuals[whole]) for t in (tracker, other))
+    # what is more than the noise of the other station has another cause, and its directions say nothing
+    found = turned - declared > CLEAR and size < MISFIT_RATIO
+    log.add("declared-station", "found" if found else "passed", "instrument", turned - declared, CLEAR)
+    if found:
         x, y, z = np.round(moved, 1)
         yield (
             f"instrument.station: the residuals are those of a station at [{x:g}, {y:g}, {z:g}] of the measuring "
@@ -276,9 +277,10 @@ def station_notes(fit: Fit, log: DecisionLog = UNRECORDED) -> Iterator[str]:
         )
 
 
-def _log_likelihood(tracker: LaserTracker, points: Array, residuals: Array) -> float:
-    """Of residuals (n, 3), with the size of the noise estimated from them."""
+def _log_likelihood(tracker: LaserTracker, points: Array, residuals: Array) -> tuple[float, float]:
+    """Of residuals (n, 3), with the size of the noise estimated from them; and that variance over the declared one."""
     covariance = tracker.covariance(points)
     assert covariance is not None
     square = float(np.einsum("ni,nij,nj->", residuals, np.linalg.inv(covariance), residuals))
-    return -residuals.size / 2 * float(np.log(square)) - 0.5 * float(np.linalg.slogdet(covariance)[1].sum())
+    likelihood = -residuals.size / 2 * float(np.log(square)) - 0.5 * float(np.linalg.slogdet(covariance)[1].sum())
+    return likelihood, square / residuals.size
