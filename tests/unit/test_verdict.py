@@ -67,8 +67,18 @@ def test_verdict_by_declared_uncertainty() -> None:
         assert verdict.word == word
         assert (verdict.unexplained is None) == (word == "adequate")
     assert verdict.unexplained is not None
-    assert "the declared uncertainty lets expect" in verdict.unexplained
+    expected = 1e3 * NOISE / 1.5 * 3**0.5
+    assert f"the declared uncertainty lets expect {expected:.1f}" in verdict.unexplained
     assert verdict.unexplained.endswith("spread evenly over positions and time")
+
+
+def test_noise_that_is_declared_by_direction_lets_expect_its_length() -> None:
+    """Along a line of sight it is a tenth: 5.5 um were said of 8.3."""
+    machine = read_machine("vertical_three_axis")
+    table = random_points(machine, 150, 4).assign(sigma_x=NOISE / 10, sigma_y=NOISE, sigma_z=NOISE)
+    verdict = judge(fit_machine(machine, survey_of(machine, table, {})), False)
+    assert verdict.unexplained is not None
+    assert f"lets expect {1e3 * NOISE * 2.01**0.5:.1f};" in verdict.unexplained
 
 
 def test_repeats_overrule_a_declared_uncertainty() -> None:

@@ -79,7 +79,7 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
             )
     elif declared:
         ratio = s.chi2 / s.dof
-        reason = f"the declared uncertainty lets expect {_length(final) / np.sqrt(ratio):.1f}"
+        reason = _beside_declared(final, float(np.sqrt(ratio)))
     if not found and _at_one_pose(final):
         notes.append(AT_ONE_POSE)
     wanders = wandering_text(final, log)
@@ -180,6 +180,27 @@ def _exceeds_declared(fit: Fit) -> bool:
 def _declared(fit: Fit) -> bool:
     """Whether the uncertainty of points or readings is stated."""
     return bool(fit.declared & {"position", *(v.kind for v in fit.problem.readings)})
+
+
+def _beside_declared(fit: Fit, times: float) -> str:
+    """What the declared uncertainty lets expect of the rows' residuals, um, as the end of a sentence.
+
+    Parameters
+    ----------
+    times : by which residuals exceed it, each direction weighed by its own.
+    """
+    variances = []
+    for view in fit.problem.views:
+        if view.whitener.ndim == 1 and view.kind == "position":
+            variances.append(len(view.outputs) / np.square(view.whitener[view.whitener > 0]))
+        elif view.kind == "position":
+            whole = view.whitener[view.components.all(axis=1)]
+            variances.append(np.square(np.linalg.inv(whole)).sum(axis=(1, 2)))
+    every = np.concatenate([*variances, np.zeros(0)])
+    expected = 1e3 * float(np.sqrt(np.mean(every))) if len(every) else _length(fit) / times
+    if expected < _length(fit):
+        return f"the declared uncertainty lets expect {expected:.1f}"
+    return f"the declared uncertainty is exceeded by a factor of {times:.1f} in the directions in which it is small"
 
 
 def _length(fit: Fit) -> float:
