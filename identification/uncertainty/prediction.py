@@ -160,8 +160,8 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     late = (*started_anew(fit.chain, temperatures, points.table), *after_gaps(fit.chain, temperatures, points.table))
     ended = as_in_last_run(fit.chain, fit.data.get("runs", ()), with_runs(points))
     idle, moving = rested(fit.chain, points.table), on_the_fly(fit.chain, points.table)
-    misfit = (MISFIT.format(ratio),) if (ratio := _misfit(fit)) ** 2 > MISFIT_RATIO else ()
     left = (LEFT.format(1e3 * fit.systematic),) if fit.systematic else ()
+    misfit = (MISFIT.format(ratio),) if not left and (ratio := _misfit(fit)) ** 2 > MISFIT_RATIO else ()
     mistakes = (MISTAKE.format(text=text) for text in mended_words(fit.chain.machine))
     changes = (
         *late,

@@ -51,7 +51,7 @@ def test_a_member_that_was_colder_than_its_sensor_at_first(machine: Machine, sur
     result = diagnose(machine, shown).diagnosis
     (finding,) = result.findings
     assert (finding.effect, finding.where) == ("structure-drift", "head")
-    assert "colder than it in the first row" in finding.statement
+    assert "colder than T_bed in the first row" in finding.statement
     (parameter,) = finding.parameters
     assert parameter.value == pytest.approx(0.009, abs=0.0015)
 

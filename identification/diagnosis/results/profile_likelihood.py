@@ -66,7 +66,7 @@ def other_effects(final: Fit, model: EffectModel, first: int) -> tuple[OtherEffe
 
 def time_constants(final: Fit, model: EffectModel, step: Step) -> Iterator[Amount]:
     """The time constants of an effect, s, whose standard uncertainty is that of the profile likelihood."""
-    if not (names := _time_constants(step.effect, final)):
+    if not (names := [n for n in _time_constants(step.effect, final) if n != "period"]):
         return
     rise = _rise(final, model, step)
     for name in names:

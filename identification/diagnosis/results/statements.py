@@ -118,15 +118,15 @@ def causes(effects: Sequence[Effect]) -> str:
 
 def _initial(effect: Effect) -> str:
     """How far a member was from its sensor's temperature in the first row."""
-    excess = float(getattr(effect, "initial", 0.0))
-    if excess and not str(getattr(effect, "sensor", "")).startswith("T_"):
-        return f", as if that had been {abs(excess):.4g} {'more' if excess > 0 else 'less'} before the first row"
-    return f", {abs(excess):.2g} K {'warmer' if excess > 0 else 'colder'} than it in the first row" if excess else ""
+    excess, sensor = float(getattr(effect, "initial", 0.0)), str(getattr(effect, "sensor", ""))
+    if not excess or sensor.startswith("T_"):
+        side = "warmer" if excess > 0 else "colder"
+        return f", {abs(excess):.2g} K {side} than {sensor} in the first row" if excess else ""
+    return f", as if that had been {abs(excess):.4g} {'more' if excess > 0 else 'less'} before the first row"
 
 
 def _behind(text: str, taus: Sequence[float]) -> str:
-    late = [duration(tau) for tau in dict.fromkeys(taus) if tau]
-    if not late:
+    if not (late := [duration(tau) for tau in dict.fromkeys(taus) if tau]):
         return ""
     many = "s" * (len(late) > 1)
     if text == "time":
