@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from errormodel.machine import EffectSpec
 from errormodel.machine_file import machine_text, read_machine, resolve
 from errormodel.survey import read_survey
 from errormodel.yamlfile import parse
+from identification.diagnosis.pipeline import diagnose
 from tests.helpers.commands import XYZ, Done, done, run, write
+from tests.helpers.diagnosed import empty_survey, showing
 
 GANTRY = """\
 errormodel: 1
@@ -201,3 +205,13 @@ def test_drives_a_millimetre_apart_are_refused(tmp_path: Path) -> None:
     refused = run("describe", path)
     assert refused.code == 2
     assert "spacing: 1.2 mm between two drives of an axis that travels 1800 mm" in refused.err
+
+
+def test_the_encoder_of_one_of_two_drives_is_their_record() -> None:
+    machine = read_machine("gantry_crossbeam_ram")
+    survey = empty_survey(machine, 260, 5, channels=False, grid=False)
+    table = survey.table.assign(w_x2=0.03 * np.random.default_rng(2).normal(size=260))
+    racking = EffectSpec("gantry-racking", {"joint": "X", "channel": "w_x2", "motion": "ec"})
+    shown = showing(replace(survey, table=table), machine, [(racking, [1e-3])], 0.004)
+    (finding,) = diagnose(machine, shown).diagnosis.findings
+    assert (finding.effect, finding.where, finding.driver) == ("gantry-racking", "X", ["w_x2"])
