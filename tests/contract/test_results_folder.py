@@ -74,7 +74,6 @@ def test_the_manifest_seals_every_file(place: Path) -> None:
     assert {i["name"]: i["sha256"] for i in data["inputs"]}["s.csv"] == sha256(Path("s.csv"))
 
 
-@pytest.mark.long
 @pytest.mark.every_figure
 def test_the_same_command_gives_the_same_bytes(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(place / "s.csv", Path("s.csv").read_bytes())
@@ -344,7 +343,6 @@ def test_killed_at_any_moment(two: Path, system: tuple[str, ...], monkeypatch: p
     assert not [p for p in two.iterdir() if p.name.startswith(".fit")]  # nothing is left of those that were killed
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("system", [(), WINDOWS])
 def test_two_writers_and_a_reader(two: Path, system: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     whole = sorts(two)
@@ -387,7 +385,6 @@ def test_a_failed_report_leaves_the_old_results(place: Path, monkeypatch: pytest
     assert tree(place) == before
 
 
-@pytest.mark.long
 def test_what_was_replaced_is_said(tmp_path: Path) -> None:
     """Tables of another controller, and a diagnosis that a fit takes the place of."""
     fitted_mill(tmp_path)

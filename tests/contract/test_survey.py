@@ -305,12 +305,6 @@ def test_near_names_are_noted(tmp_path: Path):
     assert "column 'dir_Q' is not used; did you mean 'dir_<joint>' with one of B, X, Y, Z?" in notes
 
 
-def test_a_measured_component_whose_name_is_misspelt_is_not_left_out(tmp_path: Path):
-    path = write(tmp_path, f"{HEADER.replace('my', 'mY')}\n{ROW}\n")
-    with pytest.raises(InputError, match=r"'mY' beside mx mz, and no my.*Name it 'my'"):
-        read_survey(path, MACHINE)
-
-
 def test_commands_need_nothing_measured(tmp_path: Path):
     survey = read_survey(write(tmp_path, "X,Y,Z,B\n1,2,300,4\n"), MACHINE, measured=False)
     assert np.isnan(survey.measured).all()

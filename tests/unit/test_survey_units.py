@@ -1,4 +1,4 @@
-"""Units, zeros and signs of a survey's columns that look wrong are noted, with the cure."""
+"""Names, units, zeros and signs of a survey's columns that look wrong are noted or refused, with the cure."""
 
 from __future__ import annotations
 
@@ -12,6 +12,15 @@ from errormodel.files import write_csv
 from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
 from tests.helpers.survey_files import JOINTS, MACHINE, poses, yaml
+
+# ---- names
+
+
+def test_a_measured_component_whose_name_is_misspelt_is_not_left_out(tmp_path: Path):
+    write_csv(poses().rename(columns={"my": "mY"}), tmp_path / "s.csv")
+    with pytest.raises(InputError, match=r"'mY' beside mx mz, and no my.*Name it 'my'"):
+        read_survey(tmp_path / "s.csv", MACHINE)
+
 
 # ---- units by size
 
