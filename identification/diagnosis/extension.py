@@ -102,12 +102,11 @@ def explained(
     looked = dict[object, Array]()
     selected = forward_select(linear, candidates, progress, log=log, looked=looked)
     give_back()
-    known = likelier_sides(survey, linear, [s.effect for s in selected.steps], log)
     chosen, models = selected, list[Whole]()
-    if known is None:
+    if (known := likelier_sides(survey, linear, [s.effect for s in selected.steps], log)) is None:
         chosen, models = compare_alternatives(selected, candidates, progress, log, looked, jumps_instead(selected, log))
-    if known is None and chosen is not selected:
-        known = likelier_sides(survey, linear, [s.effect for s in chosen.steps], log)
+        if chosen is not selected:
+            known = likelier_sides(survey, linear, [s.effect for s in chosen.steps], log)
     if known is not None:
         log.again()
         before = [searched]

@@ -84,7 +84,7 @@ def test_what_the_travel_leaves_behind_is_no_curve_of_it(seed: int) -> None:
 
 
 def test_what_is_left_over_is_no_less_than_what_depends_on_time() -> None:
-    """A seat that clicks with the path, of ten times the noise that is declared: 117 um of 25 had been said."""
+    """A seat that clicks with the path, of 15 times the declared noise: more had been said of it than is left."""
     machine, rows = read_machine("vertical_three_axis"), 240
     survey = empty_survey(machine, rows, 6, channels=False, grid=False)
     x = survey.table["X"].to_numpy()

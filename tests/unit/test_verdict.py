@@ -73,7 +73,7 @@ def test_verdict_by_declared_uncertainty() -> None:
 
 
 def test_noise_that_is_declared_by_direction_lets_expect_its_length() -> None:
-    """Along a line of sight it is a tenth: 5.5 um were said of 8.3."""
+    """In one direction it is a tenth: its length is not what residuals weighed by it let expect."""
     machine = read_machine("vertical_three_axis")
     table = random_points(machine, 150, 4).assign(sigma_x=NOISE / 10, sigma_y=NOISE, sigma_z=NOISE)
     verdict = judge(fit_machine(machine, survey_of(machine, table, {})), False)

@@ -135,16 +135,17 @@ def _gains(every: Sequence[LinearModel], sides: Mapping[str, Array], turned: Seq
     states is not.
     """
     first = every[0]
-    square, rank = _left_beside(first, sides)
+    left = [[_left_beside(beside, own) for beside in every] for own in (sides, *turned)]
+    square, rank = left[0][0]
     per_column = float(np.log(len(first.index))) / 2
-    evidence = np.empty((1 + len(turned), len(every)))
+    evidence = np.empty((len(left), len(every)))
     for n, beside in enumerate(every):
         spared = first.basis.shape[1] - beside.basis.shape[1]
-        for k, own in enumerate((sides, *turned)):
-            left, other = _left_beside(beside, own)
+        for k, row in enumerate(left):
+            own, columns = row[n]
             # no reward for a sign with which motions follow the geometry instead
-            further = max(other + spared - rank, 0) - spared
-            evidence[k, n] = first.freedom / 2 * np.log(square / left) - further * per_column + CLEAR * (n > 0)
+            further = max(columns + spared - rank, 0) - spared
+            evidence[k, n] = first.freedom / 2 * np.log(square / own) - further * per_column + CLEAR * (n > 0)
     return np.asarray(evidence[1:] - np.maximum(evidence[0, 0], evidence[0]))
 
 

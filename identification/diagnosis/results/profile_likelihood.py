@@ -117,7 +117,7 @@ def _rise(final: Fit, model: EffectModel, step: Step) -> Callable[[Mapping[str, 
 
 
 def _time_constants(effect: Effect, final: Fit) -> list[str]:
-    """Fields of an effect that are time constants and were searched."""
+    """Fields of an effect in seconds that were searched: time constants, and the period of a wave in time."""
     if effect.random:
         return []
     machine = final.chain.machine

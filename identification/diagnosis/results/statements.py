@@ -119,10 +119,9 @@ def causes(effects: Sequence[Effect]) -> str:
 def _initial(effect: Effect) -> str:
     """How far a member was from its sensor's temperature in the first row."""
     excess, sensor = float(getattr(effect, "initial", 0.0)), str(getattr(effect, "sensor", ""))
-    if not excess or sensor.startswith("T_"):
-        side = "warmer" if excess > 0 else "colder"
-        return f", {abs(excess):.2g} K {side} than {sensor} in the first row" if excess else ""
-    return f", as if that had been {abs(excess):.4g} {'more' if excess > 0 else 'less'} before the first row"
+    warm = f", {abs(excess):.2g} K {'warmer' if excess > 0 else 'colder'} than {sensor} in the first row"
+    before = f", as if that had been {abs(excess):.4g} {'more' if excess > 0 else 'less'} before the first row"
+    return "" if not excess else warm if sensor.startswith("T_") else before
 
 
 def _behind(text: str, taus: Sequence[float]) -> str:
