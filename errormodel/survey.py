@@ -88,6 +88,8 @@ class Survey:
         Files whose readings were along the axes of the tool; the table has them in those of the reference.
     labelled : bool
         Whether a file has a column ``run``; else all rows are of one run, whose label nobody gave.
+    clock_zero : float or None
+        When ``time`` is 0, in s since 1970, where the times were given as dates.
     """
 
     table: pd.DataFrame
@@ -105,6 +107,7 @@ class Survey:
     scatter: bool = False
     of_tool: frozenset[str] = frozenset()
     labelled: bool = True
+    clock_zero: float | None = None
 
     def __len__(self) -> int:
         return len(self.table)
@@ -207,6 +210,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
         parts.append(part)
     if measured and all(entry.role == "test" for entry in form.files):
         raise document.error(("files",), "only test files", "Give at least one file the role fit")
+    zero = _clock_zero(parts)
     table = mended(assemble(parts, machine), machine)
     scatter = [getattr(tables[0], "scatter", False) for entry, tables in opened if entry.role == "fit"]
     check_observations(table, machine, form.observations, measured, str(path))
@@ -224,7 +228,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     return Survey(
         table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes), tuple(form.budget),
         frame_rotation=rotation, record=form.test, observations=form.observations, scatter=all(scatter),
-        of_tool=of_tool, labelled=any("run" in part.frame for part in parts),
+        of_tool=of_tool, labelled=any("run" in part.frame for part in parts), clock_zero=zero,
     )  # fmt: skip
 
 
@@ -307,12 +311,17 @@ def _read_file(
     return Part(frame, parts[0].dated, tuple(notes))
 
 
+def _clock_zero(parts: list[Part]) -> float | None:
+    """The first of all times that are dates, s since 1970; None where none are."""
+    return min((float(part.frame["time"].min()) for part in parts if part.dated), default=None)
+
+
 def assemble(parts: list[Part], machine: Machine) -> pd.DataFrame:
     """Table of a :class:`Survey`: all files, with the columns that are always present."""
-    epochs = [part.frame["time"].min() for part in parts if part.dated]
-    for part in parts:
-        if part.dated:  # one origin for all files, so that their times remain comparable
-            part.frame["time"] -= min(epochs)
+    if (zero := _clock_zero(parts)) is not None:
+        for part in parts:
+            if part.dated:  # one origin for all files, so that their times remain comparable
+                part.frame["time"] -= zero
     table = pd.concat([part.frame for part in parts], ignore_index=True)
     for name in (*(j.name for j in machine.joints), *MEASURED):
         if name not in table:

@@ -20,6 +20,7 @@ from identification.uncertainty.other_effects import OtherEffect
 
 INSTRUMENT_MEMBER = re.compile(r"(frame(\[.*\])?|zero\[.*\])\.(d[xyz]|e[abc])", re.DOTALL)  # no parameter of a chain
 
+DATE = r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}$"
 NotNegative = Annotated[Number, Field(ge=0)]
 Figure = NotNegative | None  # JSON has null for what was not computed
 
@@ -113,6 +114,7 @@ class FitFile(_Part):
     test: list[_Test]
     noise: dict[str, _Noise]
     location_errors: list[_LocationError] = []
+    clock_zero: Annotated[str, Field(pattern=DATE)] | None = None
     covered: dict[str, Annotated[list[Number], Field(min_length=2, max_length=2)]] = {}
     temperatures: dict[str, Annotated[list[list[Number]], AfterValidator(_as_many)]] = {}
     runs: list[str] = []

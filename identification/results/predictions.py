@@ -21,7 +21,7 @@ def predicted(stored: StoredFit, commands: Survey, progress: Progress = silent) 
     from errormodel.simulation import outward
     from identification.uncertainty.prediction import predict
 
-    machine = stored.chain.machine
+    machine, commands = stored.chain.machine, in_clock_of(stored, commands)
     with progress("Predicting"):
         result = predict(stored, commands)
     table = commands.table.drop(columns=["file", "role", "row", *result.columns], errors="ignore").join(result)
@@ -38,5 +38,36 @@ def notes_on(stored: StoredFit, commands: Survey) -> tuple[str, ...]:
 
     from identification.uncertainty.prediction import notes
 
+    commands = in_clock_of(stored, commands)
     unused = (UNUSED,) if np.isfinite(commands.measured).any() else ()
     return (*commands.notes, *notes(stored, commands), *unused)
+
+
+def in_clock_of(stored: StoredFit, commands: Survey) -> Survey:
+    """The commands with times that count from the zero of the fitted survey's.
+
+    Raises
+    ------
+    InputError
+        The times are dates, those of the survey were not, and the model depends on the time.
+    """
+    from dataclasses import replace
+
+    import numpy as np
+
+    from errormodel.channels import root
+    from errormodel.exceptions import InputError
+
+    if "time" not in commands.table or "time" not in map(root, stored.chain.channels):
+        return commands
+    zero = stored.data.get("clock_zero")
+    if zero is None and commands.clock_zero is not None:
+        found = "dates, where the fitted survey has seconds: what they count from is not known"
+        raise InputError(f"{commands.name}, column time", found, "Write seconds of the fitted survey's clock")
+    if zero is None:
+        return commands
+    note = f"time 0 is {zero[:19].replace('T', ' ')}, where the fitted survey begins"
+    table, begin = commands.table, float(np.datetime64(zero).astype("int64")) * 1e-6
+    if commands.clock_zero is not None:
+        table = table.assign(time=table["time"] + (commands.clock_zero - begin))
+    return replace(commands, table=table, notes=(*commands.notes, note), clock_zero=None)

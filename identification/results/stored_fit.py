@@ -66,7 +66,9 @@ class StoredFit:
 
 def recorded(fit: Fit) -> dict[str, Any]:
     """What later predictions need to know of the recording: ranges, and the state in which it ended."""
+    zero = fit.survey.clock_zero
     return {
+        **({} if zero is None else {"clock_zero": str(np.datetime64(round(zero * 1e6), "us"))}),
         "covered": covered(fit.chain, fit.span),
         "only_sides": only_sides(fit),
         "temperatures": temperatures_of(fit.chain, fit.span, [s for other in fit.others for s in other.sensors]),

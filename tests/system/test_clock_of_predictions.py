@@ -1,0 +1,76 @@
+"""Times of points count from the zero of the fitted survey's clock, also where both are dates."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.helpers.commands import MILL, XYZ, done, run, write
+
+BEGIN = pd.Timestamp("2026-03-01 10:02:03")
+EFFECTS = "[{effect: tracker-drift, start: 0, duration: 7200, tau: 1800}]"
+
+
+def _dated(table: pd.DataFrame, begin: pd.Timestamp = BEGIN) -> pd.DataFrame:
+    return table.assign(time=(begin + pd.to_timedelta(table["time"], unit="s")).astype(str))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Fits of a machine whose frame drifts with time: `dated` of a survey with dates, `seconds` of the same in s."""
+    folder = tmp_path_factory.mktemp("clock")
+    text = (Path(__file__).resolve().parents[2] / "machines" / f"{MILL}.yaml").read_text(encoding="utf-8")
+    machine = write(folder / "machine.yaml", f"{text}\neffects: {EFFECTS}\n")
+    done("simulate", MILL, 120, "--out", folder / "p.csv")
+    points = pd.read_csv(folder / "p.csv").drop(columns=XYZ).assign(time=np.linspace(0.0, 7140.0, 120))
+    points.to_csv(folder / "p.csv", index=False)
+    truth = write(folder / "truth.yaml", "parameters: {frame.dx.tracker-drift: 0.2}\n")
+    done("simulate", machine, folder / "p.csv", "--parameters", truth, "--noise", 0.001, "--out", folder / "s.csv")
+    survey = pd.read_csv(folder / "s.csv")
+    _dated(survey).to_csv(folder / "dated.csv", index=False)
+    for name, file in (("seconds", "s.csv"), ("dated", "dated.csv")):
+        done("fit", machine, folder / file, "--out", folder / name)
+    points.iloc[90:].to_csv(folder / "late.csv", index=False)
+    _dated(points.iloc[90:]).to_csv(folder / "late_dated.csv", index=False)
+    return folder
+
+
+def _predicted(folder: Path, fit: str, points: str) -> tuple[pd.DataFrame, str]:
+    said = done("predict", folder / fit, folder / points, "--out", folder / "out.csv").err
+    return pd.read_csv(folder / "out.csv"), said
+
+
+def test_dates_of_points_go_on_from_those_of_the_survey(folder: Path) -> None:
+    wanted, _ = _predicted(folder, "seconds", "late.csv")
+    got, said = _predicted(folder, "dated", "late_dated.csv")
+    np.testing.assert_allclose(got[XYZ], wanted[XYZ], atol=1e-5)
+    np.testing.assert_allclose(got["time"], wanted["time"], atol=1e-3)
+    assert said.count("time 0 is 2026-03-01 10:02:03") == 1
+    assert json.loads((folder / "dated/fit.json").read_text())["clock_zero"] == "2026-03-01T10:02:03.000000"
+    assert "clock_zero" not in json.loads((folder / "seconds/fit.json").read_text())
+
+
+def test_seconds_count_from_the_first_date_of_the_survey(folder: Path) -> None:
+    wanted, _ = _predicted(folder, "seconds", "late.csv")
+    got, said = _predicted(folder, "dated", "late.csv")
+    np.testing.assert_allclose(got[XYZ], wanted[XYZ], atol=1e-5)
+    assert "time 0 is 2026-03-01 10:02:03" in said
+
+
+def test_a_day_later_is_beyond_what_was_measured(folder: Path) -> None:
+    points = pd.read_csv(folder / "late.csv")
+    _dated(points, BEGIN + pd.Timedelta(days=1)).to_csv(folder / "day.csv", index=False)
+    got, said = _predicted(folder, "dated", "day.csv")
+    np.testing.assert_allclose(got["time"], points["time"] + 86400.0, atol=1e-3)
+    assert "beyond what was measured of time" in said
+
+
+def test_dates_are_refused_where_the_survey_had_seconds(folder: Path) -> None:
+    refused = run("predict", folder / "seconds", folder / "late_dated.csv", "--out", folder / "no.csv")
+    assert refused.code == 2
+    assert "late_dated.csv, column time: dates, where the fitted survey has seconds" in refused.err
+    assert not (folder / "no.csv").exists()
