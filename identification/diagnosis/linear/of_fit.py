@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -40,8 +40,9 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     place = problem.place()
     base = solution.groups.base
     zero = np.zeros(len(chain.ids))
-    points = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(fit.survey.table))
-    table = RowChannels(fit.survey, points)
+    survey = at_rest(fit.survey, [j.name for j in chain.machine.joints])
+    points = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(survey.table))
+    table = RowChannels(survey, points)
     residuals, designs, levers, indices = [], [], [], []
     views = [v for v in problem.views if isinstance(v, PositionView | ReadingView)]
     total = sum(len(v) for v in views)
@@ -72,10 +73,10 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     # a member called "frame" goes before the measuring frame, as in the chain
     arms_of = {n: stacked[6 * k : 6 * k + 6][:, live] for k, n in enumerate(names)}
     first = _first_poses(fit, np.hstack(firsts)[:, live], rows[live]) if firsts else None
-    dead = dead_sensors(fit.survey)
+    dead = dead_sensors(survey)
     read = tuple(dict.fromkeys(v.kind for v in problem.readings))
     scene = Scene(
-        chain.machine, _scene_columns(fit.survey, table, chain, dead), _stations(fit), fit.survey.motions_of, dead, read
+        chain.machine, _scene_columns(survey, table, chain, dead), _stations(fit), survey.motions_of, dead, read
     )
     left = residual - q @ (q.T @ residual)
     noise = noise_mm(fit)
@@ -87,6 +88,18 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     return LinearModel(
         chain, left, q, arms_of, LazyChannels(own, number), index, scene, round_off, first, Lineage(), by_row
     )
+
+
+def at_rest(survey: Survey, joints: Sequence[str]) -> Survey:
+    """The survey whose joints stand still in rows about another joint's error motions that do not say where they are.
+
+    Such a row shows nothing of them, but a joint without a position in some rows would drive nothing in all of them.
+    """
+    own = survey.table[[*joints]]
+    if not own.isna().to_numpy().any():
+        return survey
+    still = own.groupby(survey.table["file"], sort=False).ffill().ffill().bfill()
+    return replace(survey, table=survey.table.assign(**{name: still[name] for name in joints}))
 
 
 def _arms(view: PositionView | ReadingView) -> Array:
