@@ -15,7 +15,7 @@ from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.results import nameless_alternative
 from identification.diagnosis.results.findings import Finding, HeldOut
 from identification.diagnosis.results.nameless_alternative import checked_alternative
-from identification.diagnosis.results.recorded_functions import recorded
+from identification.diagnosis.results.recorded_functions import in_one_motion, recorded
 from identification.diagnosis.search.model import of_groups
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import fit_machine
@@ -101,6 +101,14 @@ def test_a_step_of_one_motion_is_no_station_that_moved(shift: tuple[float, ...],
     found = checked_alternative(said, model, model.findings[0], functions, DecisionLog())
     assert (found.effect == "station-shift") == named
     assert ("explains as much (dx of " in found.statement) != named
+
+
+def test_what_is_the_same_in_all_rows_follows_nothing() -> None:
+    """A target that lies elsewhere in all rows moves in several directions alike, and has no course."""
+    machine = read_machine("vertical_three_axis")
+    linear = set_up(fit_machine(machine, empty_survey(machine, 60, 7, channels=True, grid=False)))
+    assert in_one_motion(linear, [made("target-offset")]) == []
+    assert in_one_motion(linear, [made("station-shift", at=1000.0, turned=False)])
 
 
 def knee(motion: str, at: float) -> Step:

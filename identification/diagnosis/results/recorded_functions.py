@@ -142,7 +142,8 @@ def in_one_motion(linear: LinearModel, effects: Sequence[Effect]) -> list[Functi
     for effect in effects:
         moved = [value for term in linear.terms([effect]) for value in term.motion.values()]
         one, *others = (np.asarray(value, float) for value in moved)
-        if others and all(np.array_equal(one, other) for other in others):
+        # what is the same in all rows, as a target's place, is no course
+        if others and np.ptp(one) > 0 and all(np.array_equal(one, other) for other in others):
             courses.append(one - one.mean())
             channels |= dict.fromkeys(effect.drivers)
     together = [np.column_stack(courses)] if courses else []

@@ -195,7 +195,8 @@ def shape(effect: Effect, machine: Machine) -> str:
     joints = {j.name: j for j in machine.joints}
     if period_of(effect, machine) and (period := getattr(effect, "period", None)):
         turning = joint is not None and joint.type == "rotary"
-        turns = f" ({2 * math.pi / period:.4g} a turn)" if turning else ""
+        waves = (1, 2) if getattr(effect, "oval", False) else (1,)
+        turns = f" ({' and '.join(f'{n * 2 * math.pi / period:.4g}' for n in waves)} a turn)" if turning else ""
         size = duration(period) if effect.drivers[0] == "time" else position(joint, period)
         if (second := getattr(effect, "by_period", None)) is not None:
             one, other = effect.drivers
