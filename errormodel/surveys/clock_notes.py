@@ -1,12 +1,13 @@
-"""Notes on times: that fall, or by which a machine would creep or fly, as with another unit."""
+"""Notes on times: that fall, by which a machine creeps or flies, as with another unit, or that a position follows."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.machine import Machine
 from errormodel.path_speed import in_motion
 from errormodel.row_order import label_numbers, measured_order
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
 # time in which the fastest joint would cross its travel, s: on the fly none takes an hour, and none a tenth of a second
 _CREEPS, _FLIES = 3600.0, 0.1
+_DRIFTS, _FOLLOWS = 1800.0, 0.9  # s in which a machine warms up; share of a position's variance that time explains
 _SELDOM, _ROWS = 2, 20  # times that a clock is set back, in as many rows at least: readings late in a log are more
 
 
@@ -47,6 +49,7 @@ def clock_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
     share = np.max(
         [np.abs(np.diff(q)) / (j.travel[1] - j.travel[0]) for q, j in zip(path, joints, strict=True)], axis=0
     )
+    yield from _in_step_with_time(time, dict(zip((j.name for j in joints), path, strict=True)))
     moves = (series[1:] == series[:-1]) & (share > 0) & (np.diff(time) > 0)
     if not moves.any():
         return
@@ -62,3 +65,20 @@ def clock_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
             f"column time: from row to row the fastest joint would cross its travel in {crossed:.2g} s. Times are in "
             "s; if these are in min or h, write units: {time: min} or {time: h} in survey.yaml"
         )
+
+
+def _in_step_with_time(time: Array, path: Mapping[str, Array]) -> Iterator[str]:
+    """A note on joints that went through their travel once, while the hours passed."""
+    if len(time) < _ROWS or (duration := float(np.ptp(time))) < _DRIFTS:
+        return
+    first, last = time <= time.min() + duration / 5, time >= time.max() - duration / 5
+    for name, q in path.items():
+        follows = float(np.corrcoef(time, q)[0, 1]) ** 2
+        again = q[first].max() >= q[last].min() and q[last].max() >= q[first].min()
+        if follows > _FOLLOWS and not again:
+            yield (
+                f"the position of {name} follows the time ({100 * follows:.0f} % of its variance, over "
+                f"{duration / 3600:.2g} h): what drifts meanwhile, or moves once, looks like an error of {name}, and "
+                "this survey cannot tell them apart; stated uncertainties hold nothing of it. Measure the first "
+                "positions again at the end, or the positions in random order"
+            )

@@ -62,3 +62,20 @@ def test_a_clock_that_was_set_back_is_noted() -> None:
     assert not list(clock_notes(other_order, MILL))
     each_from_zero = table.assign(run=np.repeat(["1", "2"], ROWS // 2), time=np.tile(np.arange(ROWS // 2), 2))
     assert not list(clock_notes(each_from_zero, MILL))
+
+
+def _by_levels(seconds: float) -> pd.DataFrame:
+    """Levels of Z one after another, each with random places of X and Y."""
+    table = survey(seconds / ROWS, False)
+    low, high = next(j.travel for j in MILL.joints if j.name == "Z")
+    return table.assign(Z=low + (high - low) * np.floor(np.arange(ROWS) / 40) / 4)
+
+
+def test_a_position_that_follows_the_time_is_noted() -> None:
+    """What drifts over hours looks like an error of that joint."""
+    (note,) = clock_notes(_by_levels(10000.0), MILL)
+    assert "the position of Z follows the time" in note
+    assert not list(clock_notes(_by_levels(1000.0), MILL))  # in minutes nothing drifts
+    again = _by_levels(10000.0)
+    again.loc[ROWS - 20 :, "Z"] = again["Z"].iloc[0]
+    assert not list(clock_notes(again, MILL))
