@@ -137,8 +137,12 @@ def _named_only(
 
 
 def _course(linear: LinearModel, element: str, motion: str) -> Step | None:
-    """The course of a motion in time, or with the rows, as a step: a smooth curve, or one jump of more evidence."""
-    clock = linear.scene.clock
+    """The course of a motion in time, or with the rows, as a step: a smooth curve, or one jump of more evidence.
+
+    None where neither times nor one file's order say what came after what.
+    """
+    if not (clock := linear.scene.clock):
+        return None
     time = linear.channel(clock)
     low, high, rows = float(time.min()), float(time.max()), len(np.unique(time))
     center, half = float(f"{(low + high) / 2:.4g}"), float(f"{(high - low) / 2:.4g}")

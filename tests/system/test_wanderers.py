@@ -12,6 +12,7 @@ import pytest
 from errormodel.effects import make
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
+from identification.diagnosis.courses import _course
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.pipeline import diagnose
@@ -146,3 +147,13 @@ def test_beside_a_hidden_state_what_it_was_noise_to_is_named(timed: bool) -> Non
     assert found["unnamed"].driver == ["time" if timed else "row"]
     (rate,) = found["spindle-growth"].parameters
     assert rate.value == pytest.approx(0.003, abs=4 * rate.std)
+
+
+def test_rows_of_two_files_without_times_have_no_order() -> None:
+    """Of what wanders from row to row no course is made: nothing says which file was measured first."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 120, 3, channels=False, grid=False)
+    table = survey.table.assign(file=np.where(np.arange(120) < 60, "a.csv", "b.csv"))
+    linear = set_up(fit_machine(machine, replace(survey, table=table)))
+    assert not linear.scene.clock
+    assert _course(linear, "X", "dx") is None
