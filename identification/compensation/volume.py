@@ -23,6 +23,7 @@ from identification.compensation.field import Field
 from identification.compensation.inverse import closing, inverse, steps_towards
 from identification.compensation.sample import Sample, frame_motion
 from identification.observation.pose import IDENTITY, Pose
+from identification.uncertainty.measured_range import TURN, all_round
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,9 +35,7 @@ MOST_TIMES = 16  # times of a warm-up that get tables of their own; by judgement
 INTERPOLATION_SHARE = 0.005  # of the largest correction: permitted error of linear interpolation; by judgement
 NODE_MM = 1e-4  # mm: nodes are reached to a tenth of it, a tenth of the last digit that is written
 LENGTH_STEP = 100.0  # mm of tool length over which corrections are differenced: angles are small, so it is linear
-TURN = 2 * np.pi
 TURN_SLACK = 1e-4  # rad by which a travel may differ from a full turn: that of degrees with two decimals
-COVERED_TURN = 0.95  # of a turn that a survey must cover for the axis to count as measured all round; by judgement
 # numbers of intervals to try along a joint, in ascending order
 INTERVAL_COUNTS = (1, 2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128, 192, 256, 384, 512, 1024)
 
@@ -80,9 +79,8 @@ class Volume:
             raise InputError("residuals.csv", found, "Measure along the travels, as `errormodel plan` says")
         middle = np.median(q, axis=0)
         # a rotary axis that goes round: what the survey left out of its turn lies between what it saw
-        round_ = (
-            field.rotary & (np.abs(np.ptp(travel, axis=1) - TURN) < TURN_SLACK) & (high - low > COVERED_TURN * TURN)
-        )
+        goes = field.rotary & (np.abs(np.ptp(travel, axis=1) - TURN) < TURN_SLACK)
+        round_ = np.array([bool(may) and all_round(positions) for may, positions in zip(goes, q.T, strict=True)])
         low, high = np.where(round_, travel[:, 0], low), np.where(round_, travel[:, 0] + TURN, high)
         return cls(field, np.where(still, middle, low), np.where(still, middle, high), free, turns=turns)
 

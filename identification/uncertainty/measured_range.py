@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.channels import UNITS_OF_CHANNELS, root
 from errormodel.effects import make
@@ -17,14 +18,41 @@ if TYPE_CHECKING:
 
 RANGE_MARGIN_SHARE = 0.1  # extrapolation beyond the measured range, as a share of it, that gets no note; by judgement
 IDLE_KELVIN = 1.0  # of a temperature that nothing depends on, beyond which a machine moves by more than noise
-FULL_TURN_DEG = 324.0  # range of a rotary joint, 90 % of a turn, from which nothing counts as outside; by judgement
+TURN = 2 * np.pi
+# Share of a turn from which a rotary joint counts as measured all round, however fine its steps: a tenth is open then,
+# as much as gets no note of other joints
+ROUND_SHARE = 1 - RANGE_MARGIN_SHARE
+STEP_SLACK = 1.1  # of the largest step: positions read from a scale are not quite those of equal steps; by judgement
 _BY_THE_CLOCK = ("lag(", "initial(", "rate(")  # channels that follow from the times of the rows, too
 # Prefixes of channels that have no range, or whose unidentified share is in the uncertainty of `predict`
 _UNRANGED_PREFIXES = ("dir_", "run(", "point_", "tool_")
 
 
+def all_round(positions: Array) -> bool:
+    """Whether a rotary joint was measured all round, so that nothing lies outside, where it begins a new turn either.
+
+    A turn in n equal steps has no position at its end, which is that at its start. So the part that was left out
+    counts as measured where it is no wider than the steps within, which count as measured, too. No gap may be half a
+    turn: what has the period of a turn needs three positions.
+
+    Parameters
+    ----------
+    positions : (n,) rad, in any order; those that are not known are nan.
+    """
+    known = np.sort(positions[np.isfinite(positions)])
+    if len(known) < 2:
+        return False
+    step, left_out = float(np.diff(known).max()), TURN - float(known[-1] - known[0])
+    return left_out <= (1 - ROUND_SHARE) * TURN or (left_out <= STEP_SLACK * step and max(left_out, step) < TURN / 2)
+
+
 def covered(chain: Chain, table: pd.DataFrame) -> dict[str, list[float]]:
-    """Lowest and highest value of each joint, channel of the model or of use: mm, deg, s, degC as in files."""
+    """Lowest and highest value of each joint, channel of the model or of use: mm, deg, s, degC as in files.
+
+    Of a rotary joint that was measured all round the highest is at least a turn beyond the lowest.
+    """
+    rotary = [j.name for j in chain.machine.joints if j.type == "rotary" and j.name in table]
+    round_ = {name for name in rotary if all_round(table[name].to_numpy(dtype=np.float64))}
     table = outward(table, chain.machine)
     use = (str(c) for c in table.columns if str(c).startswith("T_") or c in UNITS_OF_CHANNELS)
     names = dict.fromkeys((*(j.name for j in chain.machine.joints), *map(root, chain.channels), *use))
@@ -34,7 +62,8 @@ def covered(chain: Chain, table: pd.DataFrame) -> dict[str, list[float]]:
             continue
         values = table[name].to_numpy(dtype=np.float64)
         if np.isfinite(values).any():
-            out[name] = [float(np.nanmin(values)), float(np.nanmax(values))]
+            low, high = float(np.nanmin(values)), float(np.nanmax(values))
+            out[name] = [low, max(high, low + np.degrees(TURN)) if name in round_ else high]
     return out
 
 
@@ -54,7 +83,7 @@ def beyond_notes(chain: Chain, ranges: Mapping[str, list[float]], table: pd.Data
     if any(name.startswith(_BY_THE_CLOCK) for name in chain.channels):
         acting.add("time")
     for name, (low, high) in ranges.items():
-        if name not in table or (kinds.get(name) == "rotary" and high - low >= FULL_TURN_DEG):
+        if name not in table or (kinds.get(name) == "rotary" and np.radians(high - low) >= ROUND_SHARE * TURN):
             continue
         values = table[name].to_numpy(dtype=np.float64)
         beyond = np.fmax(low - values, values - high)

@@ -16,7 +16,7 @@ from errormodel.effects.base import Effect
 from errormodel.machine import EffectSpec
 from identification.diagnosis.search.model import EffectModel
 from identification.estimation.result import Fit
-from identification.uncertainty.measured_range import FULL_TURN_DEG
+from identification.uncertainty.measured_range import all_round
 
 TWO_VALUES = ("dir_", "run(")  # channels that have no value beyond those recorded
 PLACES, FINE = 16, 256  # rows whose other channels are kept, and steps along one, for its slopes
@@ -134,7 +134,7 @@ def _ranges(effect: Effect, table: Mapping[str, Array], fit: Fit) -> dict[str, t
     out = {}
     for name, values in table.items():
         low, high = float(np.min(values)), float(np.max(values))
-        whole_turn = name in turning and np.degrees(high - low) >= FULL_TURN_DEG
+        whole_turn = name in turning and all_round(values)
         if root(name) in drivers and not name.startswith(TWO_VALUES) and high > low and not whole_turn:
             out[name] = low, high
     return out
