@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar
 
@@ -18,6 +17,7 @@ import numpy as np
 from errormodel.arrays import Array, Mask
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.probing import Gap, Probing
+from errormodel.controllers.rotary_lines import Line
 from errormodel.controllers.setup import Axis, Setup
 from errormodel.controllers.tables import Table, Tables, Term
 from errormodel.controllers.text import Comment, Files, printable
@@ -27,36 +27,10 @@ from errormodel.exceptions import InputError, nearest
 from errormodel.gcode.divide import Correct
 from errormodel.gcode.programme import Corrected
 from errormodel.gcode.reading import Reading
-from errormodel.machine import Vector
 
 # characters of a machine's name in a comment, which leaves room for the rest of the line
 MOST_MACHINE_NAME = 60
 EDGE_HOLDS = "beyond it the correction of its edge is held"
-
-
-@dataclass(frozen=True)
-class Line:
-    """A rotary axis as it lies: actual minus nominal, all axes at zero, in the reference's axes.
-
-    Attributes
-    ----------
-    shift, tilt : across the axis, mm and rad; `along` : its nominal direction.
-    side : ``table`` if it carries the workpiece, ``head`` if it carries the tool, empty between linear axes.
-    at : the point of the axis that is shifted by `shift`, from the tool's tip, mm: a tilt shifts others otherwise.
-    """
-
-    axis: str
-    shift: Vector
-    tilt: Vector
-    along: Vector
-    side: str
-    at: Vector = (0.0, 0.0, 0.0)
-
-    @property
-    def slope(self) -> Vector:
-        """Further shift per mm along the axis, by its tilt."""
-        (a, b, c), (x, y, z) = self.tilt, self.along
-        return (b * z - c * y, c * x - a * z, a * y - b * x)
 
 
 class Target(ABC):
@@ -204,7 +178,7 @@ class Controller(Target):
         return []
 
     def describe(self, lines: Sequence[Line], setup: Setup) -> list[str]:
-        """Steps that put rotary axes as they lie into the controller's kinematic description."""
+        """Steps that put rotary axes as they lie into the controller's kinematic description, with uncertainties."""
         return [
             "where the kinematic description of this control takes these values is not public, or not known here: "
             "give them to whoever maintains it"

@@ -20,9 +20,10 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers import instead
-from errormodel.controllers.base import Controller, Line, header
+from errormodel.controllers.base import Controller, header
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.grids import spaced
+from errormodel.controllers.rotary_lines import Line, remark, uncertainties
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import (
     Table,
@@ -105,24 +106,14 @@ class Fanuc(Controller):
 
     def describe(self, lines: Sequence[Line], setup: Setup) -> list[str]:
         """Changes of the vectors of tool centre point control (A-79348E p. 74-84, A-78712E p. 61-62)."""
-        heads, tables = ([x for x in lines if x.side == side] for side in ("head", "table"))
-        at = {x.axis: np.array(x.shift) for x in lines}
-        made: dict[str, Array] = {}
-        if tables:
-            first = tables[-1]  # the one that carries the other
-            made["19700 to 19702 (position of the rotary table)"] = at[first.axis]
-            if len(tables) == 2:
-                made["19703 to 19705 (first to second table axis)"] = at[tables[0].axis] - at[first.axis]
-        if heads:
-            last = heads[-1]
-            made["19709 to 19711 (tool axis to rotary axis)"] = at[last.axis]
-            if len(heads) == 2:
-                made["19712 to 19714 (second to first tool axis)"] = at[heads[0].axis] - at[last.axis]
-        if not made or len(heads) + len(tables) != len(lines):
+        made = _tool_centre(lines)
+        if not made:
             return super().describe(lines, setup)
+        std = uncertainties(_tool_centre, lines)
+        rows = {k: " ".join(f"{v + 0.0:+.4f}" for v in value) for k, value in made.items()}
         return [
             "parameters of tool centre point control on a 30i (machine unit; older ones count in 0.001 mm): add x y z",
-            *(f"  {k}: {' '.join(f'{v + 0.0:+.4f}' for v in value)}" for k, value in made.items()),
+            *(f"  {k}: {numbers}{remark(std.get(k), 4, self.comment)}" for k, numbers in rows.items()),
             "the vectors are taken to end at the points of the axes that are named above; the sign is to be tested",
             "19682 and 19687 name the direction of an axis; of what 19683 and 19688 behind them hold no public source "
             "was found: no tilt is entered, and the tables are for axes that lie as tilted as they are",
@@ -137,6 +128,24 @@ class Fanuc(Controller):
 
     def _tape(self, lines: list[str], setup: Setup, said: Sequence[str] = ()) -> str:
         return "\n".join(["%", *header(self, setup, *said), *lines, "%"]) + "\n"
+
+
+def _tool_centre(lines: Sequence[Line]) -> dict[str, Array]:
+    """Changes of the vectors of tool centre point control, by parameters; none for other machines."""
+    heads, tables = ([x for x in lines if x.side == side] for side in ("head", "table"))
+    at = {x.axis: np.array(x.shift) for x in lines}
+    made: dict[str, Array] = {}
+    if tables:
+        first = tables[-1]  # the one that carries the other
+        made["19700 to 19702 (position of the rotary table)"] = at[first.axis]
+        if len(tables) == 2:
+            made["19703 to 19705 (first to second table axis)"] = at[tables[0].axis] - at[first.axis]
+    if heads:
+        last = heads[-1]
+        made["19709 to 19711 (tool axis to rotary axis)"] = at[last.axis]
+        if len(heads) == 2:
+            made["19712 to 19714 (second to first tool axis)"] = at[heads[0].axis] - at[last.axis]
+    return made if len(heads) + len(tables) == len(lines) else {}
 
 
 def _real(value: float) -> str:

@@ -18,8 +18,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from errormodel.controllers.base import Controller, Line, header
+from errormodel.controllers.base import Controller, header
 from errormodel.controllers.dialect import Dialect
+from errormodel.controllers.rotary_lines import Line, remark
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_increasing, check_points
 from errormodel.controllers.text import Comment, Files, Lines
@@ -77,14 +78,16 @@ class Heidenhain(Controller):
         ]
         for line in lines:
             values = [*line.shift, *np.degrees(line.tilt)]
+            std = [*line.std[:3], *np.degrees(line.std[3:])] if line.spread else 6 * [None]
             digits = 3 * (SHIFT_DIGITS,) + 3 * (TILT_DIGITS,)
             rows = [
-                f"Trans {a} {v:+.{d}f}"
-                for a, v, d in zip("XYZABC", values, digits, strict=True)
+                (f"Trans {a} {v:+.{d}f}", remark(None if s is None else [s], d, self.comment))
+                for a, v, s, d in zip("XYZABC", values, std, digits, strict=True)
                 if abs(v) >= 0.5 * 10.0**-d
             ]
-            back = [re.sub(r"[-+](?=\d)", lambda m: "-+"["+-".index(m[0])], row) for row in rows[::-1]]
-            out += [f"around {line.axis}:", *(f"  {row}" for row in (*rows, f"MachAxis {line.axis}", *back))]
+            back = [re.sub(r"[-+](?=\d)", lambda m: "-+"["+-".index(m[0])], row) for row, _ in rows[::-1]]
+            there = [f"{row}{said}" for row, said in rows]
+            out += [f"around {line.axis}:", *(f"  {row}" for row in (*there, f"MachAxis {line.axis}", *back))]
         return [
             *out,
             "the Trans lines before are taken to end at the points that are named above (a tilt shifts others)",

@@ -21,9 +21,10 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.controllers.base import Controller, Line, header
+from errormodel.controllers.base import Controller, header
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.grids import spaced
+from errormodel.controllers.rotary_lines import Line, remark, uncertainties
 from errormodel.controllers.setup import FULL_TURN, Axis, Setup
 from errormodel.controllers.tables import (
     Table,
@@ -48,6 +49,10 @@ SIEMENS_THERMAL_DOUBT = "the sign (taken as that of $AA_ENC_COMP: a positive val
 LEVER = re.compile(r"^; \[(\d+)\] only multiplies others: ((?:sin |cos )?\w+)$", re.MULTILINE)
 # deg between points of a sine table: linear interpolation then errs by less than 0.03 % of the amplitude
 SINE_STEP_DEG = 2.5
+# $TC_CARR that hold each vector of swivel data
+SWIVEL_NUMBERS = {
+    "I1": "1 to 3", "I2": "4 to 6", "V1": "7 to 9", "V2": "10 to 12", "I3": "15 to 17", "I4": "18 to 20"
+}  # fmt: skip
 
 
 def _file(text: str) -> str:
@@ -109,43 +114,51 @@ class Siemens(Controller):
 
     def describe(self, lines: Sequence[Line], setup: Setup) -> list[str]:
         """Changes of the vectors of a swivel data set or 5-axis transformation (6FC5397-1DP40, IM9, 22.6 and 21.7)."""
-        heads, tables = ([x for x in lines if x.side == side] for side in ("head", "table"))
-        at = {x.axis: np.array(x.shift) for x in lines}
-        if len(heads) == 2 and not tables:
-            first, second = heads
-            made = {"I2": at[first.axis] - at[second.axis], "I3": at[second.axis]}
-            made["I1"] = -(made["I2"] + made["I3"])
-            numbers = {"I1": "1 to 3", "I2": "4 to 6", "I3": "15 to 17"}
-        elif len(tables) == 2 and not heads:
-            second, first = tables
-            made = {"I2": at[first.axis], "I3": at[second.axis] - at[first.axis]}
-            made["I4"] = -(made["I2"] + made["I3"])
-            numbers = {"I2": "4 to 6", "I3": "15 to 17", "I4": "18 to 20"}
-        elif len(heads) == 1 and len(tables) == 1:
-            (first,), (second,) = heads, tables
-            made = {"I2": at[first.axis], "I1": -at[first.axis], "I3": at[second.axis], "I4": -at[second.axis]}
-            numbers = {"I1": "1 to 3", "I2": "4 to 6", "I3": "15 to 17", "I4": "18 to 20"}
-        elif len(lines) == 1 and lines[0].side == "table":
-            first = second = tables[0]
-            made, numbers = {"I2": at[first.axis], "I4": -at[first.axis]}, {"I2": "4 to 6", "I4": "18 to 20"}
-        else:
+        order, made = _swivel(lines)
+        if not made:
             return super().describe(lines, setup)
+        std = uncertainties(lambda x: _swivel(x)[1], lines)
         out = [
-            f"swivel data of {first.axis} as rotary axis 1" + (f" and {second.axis} as 2" if second != first else "")
+            f"swivel data of {order[0].axis} as rotary axis 1" + "".join(f" and {x.axis} as 2" for x in order[1:])
             + ", $TC_CARR of the data set n (as fine offsets $TC_CARR41 to 60), or the MD24500 to MD24572 of the "
             "transformation; with a kinematic chain ($NK_) the offset elements of these axes. Add, in mm x y z:"
         ]  # fmt: skip
-        out += [f"  {k} ($TC_CARR{numbers[k]}): {' '.join(f'{v + 0.0:+.4f}' for v in made[k])}" for k in sorted(made)]
-        for name, one in dict.fromkeys([("V1 ($TC_CARR7 to 9)", first), ("V2 ($TC_CARR10 to 12)", second)]):
-            if name[1] == "2" and second == first:
-                continue
-            turn = np.cross(one.tilt, one.along)
+        for k in sorted(made):
+            digits = 7 if k.startswith("V") else 4
+            numbers = " ".join(f"{v + 0.0:+.{digits}f}" for v in made[k])
+            out.append(f"  {k} ($TC_CARR{SWIVEL_NUMBERS[k]}): {numbers}{remark(std.get(k), digits, self.comment)}")
+        for n, one in enumerate(order, 1):
+            way = " ".join(f"{v:+g}" for v in one.along)
             out.append(
-                f"  {name}: {' '.join(f'{v + 0.0:+.7f}' for v in turn)} (for a vector of length 1 along "
-                f"{' '.join(f'{v:+g}' for v in one.along)}; the other signs where the control has it the other way)"
+                f"  (V{n} for a vector of length 1 along {way}; the other signs where the control has it the other way)"
             )
         out.append("the vectors are taken to end at the points of the axes that are named above (a tilt shifts others)")
         return [*out, "the closing vector only where the head or table cannot be changed; the sign is to be tested"]
+
+
+def _swivel(lines: Sequence[Line]) -> tuple[tuple[Line, ...], dict[str, Array]]:
+    """Axes 1 and 2 of the swivel data, and changes of its vectors; none for other machines."""
+    heads, tables = ([x for x in lines if x.side == side] for side in ("head", "table"))
+    at = {x.axis: np.array(x.shift) for x in lines}
+    order: tuple[Line, ...]
+    if len(heads) == 2 and not tables:
+        order = (heads[0], heads[1])
+        made = {"I2": at[heads[0].axis] - at[heads[1].axis], "I3": at[heads[1].axis]}
+        made["I1"] = -(made["I2"] + made["I3"])
+    elif len(tables) == 2 and not heads:
+        order = (tables[1], tables[0])
+        made = {"I2": at[tables[1].axis], "I3": at[tables[0].axis] - at[tables[1].axis]}
+        made["I4"] = -(made["I2"] + made["I3"])
+    elif len(heads) == 1 and len(tables) == 1:
+        order = (heads[0], tables[0])
+        head, table = (at[x.axis] for x in order)
+        made = {"I2": head, "I1": -head, "I3": table, "I4": -table}
+    elif len(lines) == 1 and tables:
+        order = (tables[0],)
+        made = {"I2": at[tables[0].axis], "I4": -at[tables[0].axis]}
+    else:
+        return (), {}
+    return order, made | {f"V{n}": np.cross(x.tilt, x.along) for n, x in enumerate(order, 1)}
 
 
 class SiemensLec(Siemens):

@@ -119,7 +119,7 @@ def compensate(
     volume = Volume.of(field, table, fit.frame_mode != "fixed", turns=read is None)
     with progress("Following the errors along each axis"):
         setup, notes = volume.setup(points, resolution, axes)
-    rotary = _rotary_axes(controller, volume, setup, seed, kinematics) if read is None else None
+    rotary = _rotary_axes(controller, volume, setup, seed, kinematics, fit) if read is None else None
     plain = volume
     if rotary is not None and kinematics:
         field = described(field, setup, rotary.lines)
@@ -202,7 +202,9 @@ def compensate(
     )
 
 
-def _rotary_axes(controller: Target, volume: Volume, setup: Setup, seed: int, asked: bool) -> Kinematics | None:
+def _rotary_axes(
+    controller: Target, volume: Volume, setup: Setup, seed: int, asked: bool, fit: StoredFit
+) -> Kinematics | None:
     """Rotary axes as they lie, and what that is worth; None: there are none, or nothing that describes them.
 
     Raises
@@ -219,7 +221,7 @@ def _rotary_axes(controller: Target, volume: Volume, setup: Setup, seed: int, as
             found = f"{controller.title} has no kinematic description of rotary axes"
             raise InputError("--kinematics", found, "Leave it out: tables then hold what they can of their errors")
         return None
-    lines = lines_of(volume, setup, tilts := controller.describes_tilt)
+    lines = lines_of(volume, setup, tilts := controller.describes_tilt, fit)
     if not lines:
         if asked:
             raise InputError("--kinematics", "no rotary joint moved in the survey", "Leave it out")

@@ -15,6 +15,7 @@ from errormodel.arrays import Array
 from errormodel.controllers.base import Target
 from errormodel.controllers.setup import Setup
 from identification.compensation.assessment import JOINT_ROWS, OTHER_TOOLS, Correct, Figures, assess, fresh_rows
+from identification.compensation.field import Field
 from identification.compensation.rows import Rows
 from identification.compensation.sample import frame_motion, framed
 from identification.compensation.volume import Volume
@@ -58,27 +59,58 @@ def length_uncertainty(fit: StoredFit, volume: Volume, rows: Rows, along: Array)
 
 
 def _uncertain(fit: StoredFit, volume: Volume, rows: Rows, parts: Sequence[tuple[float, Array]]) -> Uncertain:
-    chain, field = fit.chain, volume.field
-    others = {*chain.tool_ids, *chain.frame_ids, *chain.instrument_ids}
-    own = tuple(i for i in chain.ids if i not in others)
+    field = volume.field
     frame = frame_motion(field.nominal(rows.q, rows.tool), volume.free, volume.turns)
-    shown, design = np.zeros((len(rows), 3)), np.zeros((len(own), 3, len(rows)))
+    shown = np.zeros((len(rows), 3))
     for factor, tool in parts:
         shown += factor * (field.actual(rows.q, rows.direction, tool) - field.nominal(rows.q, tool))
-        kernel = chain.kernel("design", own, outputs=(0, 1, 2))
-        design += factor * kernel(field.rows(rows.q, rows.direction, tool)).reshape(design.shape)
-    place = {n: k for k, n in enumerate(own)}
-    kept = [k for k, n in enumerate(fit.base) if n in place]
-    base = _framed(design[[place[fit.base[k]] for k in kept]], frame)
-    known = float(np.sum(fit.widened[np.ix_(kept, kept)] * (base.T @ base)))
-    unseen = [column for _, column in unidentified(fit, list(own), design)]
-    more = float(np.sum(np.square(_framed(np.array(unseen), frame)))) if unseen else 0.0
+    found = unsure_at(fit, field, rows.q, rows.direction, parts)
+    base = _framed(found.base, frame)
+    known = float(np.sum(found.covariance * (base.T @ base)))
+    more = float(np.sum(np.square(_framed(found.unseen, frame))))
     return Uncertain(*(float(np.sqrt(v / len(rows))) for v in (np.sum(np.square(framed(shown, frame))), known, more)))
 
 
-def _framed(effects: Array, frame: Array) -> Array:
-    """Effects (k, 3, n) after the least-squares motion of the frame, as columns (3 n, k)."""
-    flat = effects.transpose(2, 1, 0).reshape(-1, len(effects))
+@dataclass(frozen=True)
+class Unsure:
+    """What is unsure of the errors at n poses, as their changes in mm, (3 n, k): x, y and z of one pose after another.
+
+    Attributes
+    ----------
+    base : by each identified parameter, and `covariance` (k, k) of these.
+    unseen : by one standard uncertainty of each parameter that no row determined, and their `names`.
+    """
+
+    base: Array
+    covariance: Array
+    unseen: Array
+    names: tuple[str, ...]
+
+
+def unsure_at(
+    fit: StoredFit, field: Field, q: Array, direction: Array, parts: Sequence[tuple[float, Array | None]]
+) -> Unsure:
+    """What is unsure of a sum of errors with some tools, each times its factor; None: the machine's own tool."""
+    chain = fit.chain
+    others = {*chain.tool_ids, *chain.frame_ids, *chain.instrument_ids}
+    own = tuple(i for i in chain.ids if i not in others)
+    kernel, design = chain.kernel("design", own, outputs=(0, 1, 2)), np.zeros((len(own), 3, len(q)))
+    for factor, tool in parts:
+        design += factor * kernel(field.rows(q, direction, tool)).reshape(design.shape)
+    place = {n: k for k, n in enumerate(own)}
+    kept = [k for k, n in enumerate(fit.base) if n in place]
+    unseen = dict(unidentified(fit, list(own), design))
+    flat = [
+        effects.transpose(2, 1, 0).reshape(3 * len(q), len(effects))
+        for effects in (
+            design[[place[fit.base[k]] for k in kept]], np.array([*unseen.values()]).reshape(-1, 3, len(q))
+        )
+    ]  # fmt: skip
+    return Unsure(flat[0], fit.widened[np.ix_(kept, kept)], flat[1], tuple(unseen))
+
+
+def _framed(flat: Array, frame: Array) -> Array:
+    """Columns (3 n, k) after the least-squares motion of the frame."""
     motions = frame.reshape(len(flat), -1)
     if not motions.shape[1]:
         return flat

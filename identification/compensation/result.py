@@ -121,6 +121,8 @@ class Compensation:
         steps = sorted(((x, s.removed_um) for s in self.sets for x in s.seams), key=lambda step: step[0].step_um)
         worst = {x.joint: (x.line(removed), x.step_um > removed) for x, removed in steps}.values()
         harm += [line for line, harmful in worst if harmful]
+        if self.rotary and harm:
+            harm[-1] += self.rotary.apart
         changed = [column_line(self.columns)] if self.columns else []
         if self.unconfirmed:
             harm, changed = [*changed, *harm], []

@@ -10,7 +10,7 @@ An axis displaced by a small rigid motion d turns the tool by ``d R d^-1``: the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from textwrap import wrap
 from typing import Any
@@ -19,23 +19,29 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.axes import directions_at_zero
-from errormodel.controllers.base import Line
+from errormodel.controllers.rotary_lines import Line
 from errormodel.controllers.setup import Setup
 from identification.compensation.field import Field
+from identification.compensation.model_uncertainty import unsure_at
 from identification.compensation.sample import frame_motion
 from identification.compensation.volume import Volume
+from identification.results.stored_fit import StoredFit
 
 POSES = 1024  # of the least squares; a power of two, for Sobol points
 DESCRIPTION = "kinematics.txt"
 TEXT_WIDTH = 110  # characters of a line
+INDENT = "    "  # of what is said of one axis
 WORTH_SHARE = 0.8  # of the rms error that may be left for the description to be mentioned; by judgement
+LEAST_STD = 1e-6  # mm, a hundredth of the last digit that is written: what moves an axis by less is not named
+MOST_NAMES = 6  # of parameters in a line
 ANGLE_SCALE = 1000.0  # mm per rad, which makes shifts and tilts alike in size; by judgement
 
 
-def lines_of(volume: Volume, setup: Setup, tilts: bool = True) -> tuple[Line, ...]:
+def lines_of(volume: Volume, setup: Setup, tilts: bool = True, fit: StoredFit | None = None) -> tuple[Line, ...]:
     """Place and direction of each rotary axis that moved, actual minus nominal, in the reference's axes.
 
-    Without `tilts` the shifts alone come closest to the actual machine: of a control that can be told no others.
+    Without `tilts` the shifts alone come closest to the actual machine: of a control that can be told no others. How
+    uncertain they are follows from the covariance of `fit`, by the same least squares; None: it is not said.
     """
     field = volume.field
     moved = [k for k in range(len(field.joints)) if field.rotary[k] and volume.high[k] > volume.low[k]]
@@ -49,15 +55,30 @@ def lines_of(volume: Volume, setup: Setup, tilts: bool = True) -> tuple[Line, ..
     columns = [field.displaced(q, k) @ bases[k] for k in moved]
     frame = frame_motion(nominal, volume.free and volume.pose is None, volume.turns)
     design = np.concatenate([*columns, frame], axis=2).reshape(len(errors), -1)
-    found = np.linalg.lstsq(design, errors, rcond=1e-9)[0]
+
+    def solve(changes: Array) -> Array:
+        return np.asarray(np.linalg.lstsq(design, changes, rcond=1e-9)[0], np.float64)
+
+    found, causes, unseen = solve(errors), np.zeros((design.shape[1], 0)), np.zeros((design.shape[1], 0))
+    names: tuple[str, ...] = ()
+    if fit is not None:
+        unknown = unsure_at(fit, field, q, came, [(1.0, None)])
+        base, unseen, names = solve(unknown.base), solve(unknown.unseen), unknown.names
+        values, vectors = np.linalg.eigh(base @ unknown.covariance @ base.T)
+        causes = vectors * np.sqrt(np.maximum(values, 0.0))  # round-off of zero may be negative
     out = []
     for n, k in enumerate(moved):
         count = bases[k].shape[1]
-        motion = bases[k] @ found[count * n : count * (n + 1)]
-        shift, tilt = turn[k] @ motion[:3], turn[k] @ motion[3:]
+        own = slice(count * n, count * (n + 1))
+        ways = np.vstack([turn[k] @ bases[k][:3], turn[k] @ bases[k][3:]])
+        motion, spread = ways @ found[own], ways @ causes[own]
+        std = np.linalg.norm(causes[own], axis=1)[:, None]
+        share = np.max(np.abs(unseen[own]) / np.maximum(std, LEAST_STD), axis=0)
+        untold = tuple(names[m] for m in np.argsort(-share, kind="stable") if share[m] > 1)
         axis = next(a for a in setup.axes if a.joint == field.joints[k].name)
-        moved_by, turned_by, way = (tuple(v.tolist()) for v in (shift, tilt, along[k]))
-        out.append(Line(axis.name, moved_by, turned_by, way, _side(field, k), axis.centre))
+        moved_by, turned_by, way = (tuple(v.tolist()) for v in (motion[:3], motion[3:], along[k]))
+        each = tuple(map(tuple, spread.T.tolist()))
+        out.append(Line(axis.name, moved_by, turned_by, way, _side(field, k), axis.centre, each, untold))
     return tuple(out)
 
 
@@ -96,6 +117,13 @@ class Kinematics:
     tilts: bool = True  # whether it says how the axes are tilted
     tables_alone_um: float | None = None  # what such tables leave without it; None: not asked
 
+    @property
+    def apart(self) -> str:
+        """What is added where tables are advised against: the description does not depend on them."""
+        if not self.asked or not all(x.spread for x in self.lines):
+            return ""
+        return f". This is said of the tables: for the rotary axes the uncertainties in {DESCRIPTION} count"
+
     def first(self) -> str:
         """What to do before the tables, or what to ask for."""
         if self.asked:
@@ -111,12 +139,32 @@ class Kinematics:
         )
 
     def as_json(self) -> dict[str, Any]:
-        return asdict(self)
+        lines = []
+        for one in self.lines:
+            std = one.std.tolist() if one.spread else None
+            known = {"shift_std": std and std[:3], "tilt_std": std and std[3:]}
+            lines.append({k: v for k, v in asdict(one).items() if k != "spread"} | known)
+        return asdict(self) | {"lines": lines}
 
     @property
     def worth(self) -> bool:
         """Whether the description alone takes away a fifth of the error."""
         return self.left_um < WORTH_SHARE * self.before_um
+
+
+def _unsure(one: Line) -> Iterator[str]:
+    """How uncertain the place of an axis is, with one digit more than its place has, and what that leaves out."""
+    if not one.spread:
+        return
+    std = one.std
+    shift = ", ".join(f"{a} {v:.5f} mm" for a, v in zip("xyz", std[:3], strict=True) if v > 0)
+    tilt = ", ".join(f"about {a} {1e6 * v:.2f} urad" for a, v in zip("xyz", std[3:], strict=True) if v > 0)
+    if shift or tilt:
+        yield f"standard uncertainty: {'; '.join(filter(None, (shift, tilt)))}"
+    if one.untold:
+        names = ", ".join(one.untold[:MOST_NAMES])
+        more = f" and {len(one.untold) - MOST_NAMES} more" if len(one.untold) > MOST_NAMES else ""
+        yield f"as if these, which the survey does not tell from it, were zero: {names}{more}"
 
 
 def description_text(found: Kinematics, heading: Sequence[str], steps: Sequence[str]) -> str:
@@ -139,12 +187,17 @@ def description_text(found: Kinematics, heading: Sequence[str], steps: Sequence[
         slope = " ".join(f"{1000 * v + 0.0:+.4f}" for v in one.slope)
         way = " ".join(f"{v + 0.0:g}" for v in one.along)
         point = f"    the shift is that of its point {place} (mm from the tip, all axes at zero)"
-        if not found.tilts:
+        if found.tilts:
+            lines.append(f"{point}; 1000 mm farther")
+            lines.append(
+                f"    along {way} it is {slope} mm more: where the control's vectors end elsewhere, add that share"
+            )
+        else:
             lines.append(point)
-            continue
         lines += [
-            f"{point}; 1000 mm farther",
-            f"    along {way} it is {slope} mm more: where the control's vectors end elsewhere, add that share",
+            part
+            for said in _unsure(one)
+            for part in wrap(said, TEXT_WIDTH, initial_indent=INDENT, subsequent_indent=INDENT)
         ]
     lines += [
         "",

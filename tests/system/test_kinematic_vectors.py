@@ -24,7 +24,8 @@ import pytest
 
 from errormodel.chain import Chain
 from errormodel.controllers import target
-from errormodel.controllers.base import Controller, Line
+from errormodel.controllers.base import Controller
+from errormodel.controllers.rotary_lines import Line
 from errormodel.machine_file import read_machine
 from identification.compensation.assessment import left, nothing
 from identification.compensation.rotary_axes import Kinematics, described, description_text, lines_of

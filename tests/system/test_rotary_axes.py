@@ -76,7 +76,7 @@ def test_what_the_description_takes_is_nothing_for_the_tables(tmp_path: Path) ->
     assert float(found[1]) == pytest.approx(-0.03, abs=2e-3)
     assert max(map(len, text.splitlines())) <= 120
     # two tables: I2 to the trunnion's axis, I3 from there to the table's, I4 closes
-    vectors = {k: np.array(v.split(), dtype=float) for k, v in re.findall(r"(I\d) \(\$TC_CARR[^)]*\): (.*)", text)}
+    vectors = {k: np.array(v.split(), dtype=float) for k, v in re.findall(r"(I\d) \(\$TC_CARR[^)]*\): ([^;]*)", text)}
     np.testing.assert_allclose(vectors["I2"] + vectors["I3"] + vectors["I4"], 0, atol=2e-4)
     assert vectors["I3"][0] == pytest.approx(-0.03, abs=2e-3)
     assert vectors["I2"][1] == pytest.approx(-0.02, abs=2e-3)
