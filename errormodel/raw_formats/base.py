@@ -9,7 +9,7 @@ from __future__ import annotations
 import codecs
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -131,15 +131,25 @@ class Recording:
     beside_targets: bool = False
     read_as: Mapping[str, ReadAs] = field(default_factory=dict)
 
+    @property
+    def a_row_each(self) -> bool:
+        """Whether each row is of a line of its own, and not one of several readings of it."""
+        return len({*self.lines}) == len(self.lines)
+
 
 @dataclass(frozen=True)
 class RawFile:
-    """A file as it came: `name` is the path as the user wrote it, `called` the columns of its table that he names."""
+    """A file as it came: `name` is the path as the user wrote it, `called` the columns of its table that he names.
+
+    `counts` says whether a row of the table, from 0, counts for anything (None: all do): text among the numbers of one
+    that does not makes no column text.
+    """
 
     path: Path
     name: str
     data: bytes = field(repr=False)
     called: Mapping[str, str] = field(default_factory=dict)  # our name of a column by the file's own
+    counts: Callable[[int], bool] | None = field(default=None, repr=False, compare=False)
 
     @cached_property
     def _decoded(self) -> tuple[str | None, str]:
@@ -320,7 +330,7 @@ def called(raw: RawFile, form: type[RawFormat], columns: Mapping[str, str]) -> R
         own[ours] = table.names[place] if 0 <= place < len(table.names) else theirs
         if own[ours] not in table.names:
             raise InputError(f"{raw.name}, columns: {ours}", f"no column '{theirs}'", nearest(theirs, table.names))
-    return RawFile(raw.path, raw.name, raw.data, {theirs: ours for ours, theirs in own.items()})
+    return replace(raw, called={theirs: ours for ours, theirs in own.items()})
 
 
 def unreadable(raw: RawFile) -> str:

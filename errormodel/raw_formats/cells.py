@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import lru_cache
 
@@ -25,12 +25,14 @@ REMARK = re.compile(rf"({NUMBER.pattern})\s+(?:#|//|%).*")  # a comment behind t
 # what instruments write in the cell of a reading that failed, and spreadsheets in one that has no value
 FAILED = frozenset((
     "lost", "invalid", "error", "err", "fail", "failed", "missing", "nodata", "no data", "not measured", "out of range",
-    "no target", "beam lost", "beam broken", "beam break", "broken", "interrupted", "n/v",
-    "ung\u00fcltig", "fehler", "verloren", "unterbrochen", "strahl unterbrochen", "kein ziel",
+    "no target", "no signal", "no beam", "no reading", "signal lost", "target lost", "beam lost", "beam broken",
+    "beam break", "beam interrupted", "broken", "interrupted", "laser off", "n/v",
+    "ung\u00fcltig", "fehler", "verloren", "unterbrochen", "strahl unterbrochen", "kein ziel", "kein signal",
     "perso", "persa", "interrotto", "non valido", "perdu", "interrompu", "invalide",
     "perdido", "interrumpido", "no v\u00e1lido",
     "#value!", "#div/0!", "#num!", "#ref!", "#wert!",
 ))  # fmt: skip
+MARK = re.compile(r"#+|\*+|\?+")  # one sign instead of a number: also of a cell that was too narrow for it
 BRACKETS = {"[": "]", "(": ")"}  # around the cells of a line
 RULE = re.compile(r"[-=_*+|:.~]{2,}|[-+|]")  # a cell of a line that is drawn below the names
 
@@ -43,13 +45,40 @@ def kind_of(cell: str) -> str:
 @lru_cache(maxsize=1 << 16)
 def _kind_of(cell: str) -> str:
     cell = cell.strip()
-    if cell.lower() in NO_VALUE_WORDS or cell.lower() in FAILED:
+    if cell.lower() in NO_VALUE_WORDS or is_failed(cell):
         return "empty"
     if cell.lower() in SPECIAL:
         return "number"
     if NUMBER.fullmatch(cell):
         return "text" if looks_like_time(cell) else "number"
     return "number" if _unit_in(cell) else "text"
+
+
+def is_failed(cell: str) -> bool:
+    """Whether a cell says that its reading failed: a word for it, or a run of ``#``, ``*`` or ``?`` and nothing else.
+
+    Only whole cells: what has a digit in it may be a number that was spoilt, which no one may drop without a word.
+    """
+    cell = cell.strip().lower()
+    return cell in FAILED or MARK.fullmatch(cell) is not None
+
+
+def without_words(cells: Sequence[str], counts: Callable[[int], bool]) -> list[str]:
+    """Cells of a column of numbers without what is none in rows that count for nothing: text, and another unit.
+
+    They stay as they are where others hold text.
+
+    Parameters
+    ----------
+    counts : whether a row, from 0, counts for anything.
+    """
+    if all(map(PLAIN.fullmatch, cells)) or not any(kind_of(cell) == "number" for cell in cells):
+        return [*cells]
+    kept = [cell for row, cell in enumerate(cells) if counts(row) and kind_of(cell) != "empty"]
+    if not kept or any(kind_of(cell) == "text" for cell in kept):
+        return [*cells]
+    units = {_unit_in(cell) for cell in kept}
+    return [cell if kind_of(cell) != "text" and _unit_in(cell) in units else "" for cell in cells]
 
 
 def _unit_in(cell: str) -> str:

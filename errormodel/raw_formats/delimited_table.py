@@ -26,4 +26,4 @@ class DelimitedTable(RawFormat):
 
     @classmethod
     def read(cls, raw: RawFile, asked: Asked) -> Recording:
-        return columns_of(raw, asked)
+        return columns_of(raw, asked, by_rows=True)

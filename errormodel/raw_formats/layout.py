@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from errormodel.exceptions import InputError
-from errormodel.raw_formats.cells import PLAIN, is_rule, kind_of, split, without_units
+from errormodel.raw_formats.cells import PLAIN, is_rule, kind_of, split, without_units, without_words
+from errormodel.raw_formats.failed_rows import from_failed, with_signs
 from errormodel.raw_formats.unit_words import bracketed, is_unit_word, stated_length, unit_word
 
 COMMENT = re.compile(r"\s*(//|#|%|!|\*|;)")
@@ -72,6 +73,12 @@ class Layout:
         kinds = {kind_of(cell) for cell in cells}
         return kinds <= {"number", "empty"} and "number" in kinds
 
+    def judged(self, counts: Callable[[int], bool]) -> Layout:
+        """The table without text among the numbers of rows that count for nothing; `counts`: whether a row does."""
+        own = [self.column(k) for k in range(len(self.names))]
+        columns = [without_words(cells, counts) for cells in own]
+        return self if columns == own else _without_units(replace(self, rows=tuple(zip(*columns, strict=True))))
+
 
 def find_layout(lines: Sequence[str]) -> Layout | None:
     """The table in some lines, or None where there is none.
@@ -105,10 +112,11 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
         cells = [(k, [line.strip()]) if len(c) > 1 else (k, c) for (k, c), (_, line) in zip(cells, body, strict=True)]
     if width > MOST_COLUMNS:
         raise InputError(f"line {cells[-1][0]}", f"more than {MOST_COLUMNS} columns", "Give those of the survey only")
+    cells = [*with_signs(cells, comments, delimiter, kinds)]
     first = next((i for i, (_, c) in enumerate(cells) if _is_data(c, width, kinds)), None)
     if first is None:
         return None
-    first = _below_names(cells, first, width, kinds)
+    first = from_failed(cells, _below_names(cells, first, width, kinds), kinds)
     rows, below, notes = _rows(cells[first:], width, kinds, delimiter, _text_of(cells[:first]))
     top = [(k, c) for k, c in cells[:first] if not is_rule(c)]
     above = [(k, text[text.find(_sign(text)) + len(_sign(text)) :].strip()) for k, text in comments]

@@ -37,7 +37,7 @@ class LeicaTracker(RawFormat):
 
     @classmethod
     def read(cls, raw: RawFile, asked: Asked) -> Recording:
-        recording = columns_of(raw, asked)
+        recording = columns_of(raw, asked, by_rows=True)
         keys = {_key(n): n for n in map(str, recording.frame)}
         names = {keys[k]: f"m{k}" for k in "xyz"}
         names |= {keys[k]: new for k, new in _AIR.items() if k in keys}

@@ -47,7 +47,7 @@ class PolarPoints(RawFormat):
 
     @classmethod
     def read(cls, raw: RawFile, asked: Asked) -> Recording:
-        recording = columns_of(raw, asked)
+        recording = columns_of(raw, asked, by_rows=True)
         table = raw.layout
         own = {word: table.names[k] for word, k in _places(table).items()} if table is not None else {}
         turned = "direction" if "direction" in own else "azimuth"

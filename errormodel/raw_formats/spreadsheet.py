@@ -44,7 +44,7 @@ class Spreadsheet(RawFormat):
         fullest = max((_numbers(rows) for _, rows in sheets), default=0)
         for name, rows in asked_for or sorted(sheets, key=lambda s: _numbers(s[1]) < COVER * fullest):
             text = "\n".join("\t".join(_cell(c) for c in row) for row in rows)
-            table = RawFile(raw.path, f"{raw.name}, sheet {name}", text.encode())
+            table = RawFile(raw.path, f"{raw.name}, sheet {name}", text.encode(), counts=raw.counts)
             if not text.strip() or table.layout is None:
                 continue
             recording = format_of(table).read(table, asked)

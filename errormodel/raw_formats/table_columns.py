@@ -11,17 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from errormodel.exceptions import InputError
-from errormodel.formats.base import as_numbers, words_note
+from errormodel.formats.base import LISTED_ROWS, as_numbers, spoken, words_note
 from errormodel.formats.digit_groups import ungrouped
 from errormodel.raw_formats.base import Asked, RawFile, Recording
-from errormodel.raw_formats.cells import FAILED
+from errormodel.raw_formats.cells import is_failed, kind_of
 from errormodel.raw_formats.dates import Times, looks_like_time, times_of
 from errormodel.raw_formats.layout import DELIMITERS, Layout
 
 if TYPE_CHECKING:
     import pandas as pd
 
-_WORD = re.compile(r"[^\W\d_]{3}|#")  # no number has three letters in a row, but for nan and inf
+_WORD = re.compile(r"[^\W\d_]{3}|[#*?/]")  # no number has three letters in a row, but for nan and inf
+CELL_CURE = "Correct the cell; where nothing was measured leave it empty, or write lost"
 DATES_CURE = "Say which with --dates day-first or --dates month-first (in survey.yaml, dates: day-first)"
 
 
@@ -42,10 +43,15 @@ def table_of_text(raw: RawFile) -> Layout:
     return table
 
 
-def columns_of(raw: RawFile, asked: Asked) -> Recording:
+def columns_of(raw: RawFile, asked: Asked, by_rows: bool = False) -> Recording:
     """All columns of the table in a file, under the file's own names.
 
     Columns of dates, and of a date and a time beside it, become the column ``time`` in seconds since 1970.
+
+    Parameters
+    ----------
+    raw, asked : see `RawFormat.read`.
+    by_rows : whether the format makes one row of each row of the table, so that `RawFile.counts` is about these.
 
     Raises
     ------
@@ -55,18 +61,25 @@ def columns_of(raw: RawFile, asked: Asked) -> Recording:
     import pandas as pd
 
     table = table_of_text(raw)
+    if by_rows and raw.counts is not None:
+        table = table.judged(raw.counts)
     texts = {name: pd.Series(table.column(k), dtype="str") for k, name in enumerate(table.names)}
     numeric = [name for k, name in enumerate(table.names) if table.numeric(k)]
     # a comma within a cell, between quotes where commas separate the cells
     comma = table.delimiter != "," or any(texts[n].str.contains(",", regex=False).any() for n in numeric)
     wordy = [n for k, n in enumerate(table.names) if n in numeric and _WORD.search("".join(table.column(k)))]
-    failed = sorted({cell for n in wordy for cell in texts[n] if cell.strip().lower() in FAILED})
+    failed: dict[str, set[int]] = {}  # rows by the word that stands there
     for name in wordy:
-        texts[name] = texts[name].mask(texts[name].str.strip().str.lower().isin(FAILED), "")
+        said = texts[name].map(is_failed).astype(bool)
+        for row in np.flatnonzero(said).tolist():
+            failed.setdefault(texts[name][row], set()).add(row + 1)
+        texts[name] = texts[name].mask(said, "")
     columns: dict[str, object] = {}
     notes: list[str | None] = list(table.notes)
     if failed:
-        notes.append(f"no value where it says {', '.join(failed)}")
+        notes.append(
+            f"no value where it says {', '.join(sorted(failed))}: {spoken(sorted(set().union(*failed.values())))}"
+        )
     if table.delimiter != ",":
         notes.append(f"columns separated by {DELIMITERS[table.delimiter]}")
     fortran = {
@@ -91,8 +104,8 @@ def columns_of(raw: RawFile, asked: Asked) -> Recording:
             values, bad = as_numbers(cells.columns[name], comma)
             if bad.any():
                 row = int(bad.argmax())
-                where = f"{raw.name}, line {table.lines[row]}, column {name}"
-                raise InputError(where, f"'{texts[name][row]}' is not a number", "Give the file as it was written")
+                where = f"{raw.name}, row {row + 1} (line {table.lines[row]}), column {name}"
+                raise InputError(where, f"'{texts[name][row]}' is not a number as the others are", CELL_CURE)
             columns[name] = values
             notes.append(words_note(name, texts[name]))
         else:
@@ -110,8 +123,8 @@ def columns_of(raw: RawFile, asked: Asked) -> Recording:
     dated = time is not None and time[1].dated
     if table.length_unit:
         notes.append(f"coordinates without a unit are in {table.length_unit}, as a line above the table says")
-    said = (*raw.notes, *(n for n in notes if n))
-    return Recording(frame, units, table.lines, said, dated, length_unit=table.length_unit)
+    spoken_of = (*raw.notes, *(n for n in notes if n))
+    return Recording(frame, units, table.lines, spoken_of, dated, length_unit=table.length_unit)
 
 
 def _has_d(cells: Sequence[str]) -> bool:
@@ -158,12 +171,36 @@ def numbers(recording: Recording, name: str, where: str) -> NDArray[np.float64]:
     """
     column = recording.frame[name]
     if column.dtype.kind != "f":
-        text = next((str(c) for c in column if str(c).strip()), "")
-        raise InputError(f"{where}, column {name}", f"'{text}' is not a number", "Give the file as it was written")
+        raise no_numbers(recording, [name], where)
     values = column.to_numpy(dtype=np.float64)
     if np.isinf(values).any():
         raise InputError(f"{where}, column {name}", "an infinite number", "Give the file as it was written")
     return values
+
+
+def no_numbers(recording: Recording, names: Sequence[str], where: str, leave_out: bool = False) -> InputError:
+    """The refusal of columns of numbers in which some cells hold text, with the rows of all of them.
+
+    Parameters
+    ----------
+    names : the columns, under their names in the recording.
+    where : the file's name.
+    leave_out : whether rows of it can be left out.
+    """
+    cells = {name: [str(cell).strip() for cell in recording.frame[name]] for name in names}
+    words = [(row, name) for name in names for row, cell in enumerate(cells[name]) if kind_of(cell) == "text"]
+    if not words:
+        return InputError(f"{where}, column {names[0]}", "no number in any row", "Give the file that has the values")
+    row, name = min(words, key=lambda word: word[0])
+    rows = sorted({k + 1 for k, _ in words})
+    line = f" (line {recording.lines[row]})" if recording.lines else ""
+    found = f"'{cells[name][row]}', which is no number"
+    found += f"; text among numbers in {spoken(rows)}" if len(rows) > 1 else ""
+    cure = CELL_CURE
+    if leave_out:
+        shown = f"{','.join(map(str, rows[:LISTED_ROWS]))}{',..' if len(rows) > LISTED_ROWS else ''}"
+        cure += f". A row that counts for nothing need not be changed: --leave-out {shown}"
+    return InputError(f"{where}, row {row + 1}{line}, column {name}", found, cure)
 
 
 def renamed(recording: Recording, names: dict[str, str], notes: Sequence[str] = ()) -> Recording:

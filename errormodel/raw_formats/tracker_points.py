@@ -40,7 +40,7 @@ class TrackerPoints(RawFormat):
         table = table_of_text(raw)
         heads = HEADS[len(HEADS) - len(table.names) + 3 :]
         names = dict(zip(table.names, (*heads, "mx", "my", "mz"), strict=True))
-        recording = renamed(columns_of(raw, asked), names)
+        recording = renamed(columns_of(raw, asked, by_rows=True), names)
         for place, name in enumerate(heads):
             recording.frame[name] = table.column(place)
         notes = () if recording.length_unit else ("no units in the file: coordinates taken as mm",)

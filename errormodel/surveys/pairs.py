@@ -38,6 +38,10 @@ class PairTable:
     start: Index | None = None
     run: tuple[str, ...] | None = None
 
+    def has(self, row: int) -> bool:
+        """Whether a row of the measured file, from 0, belongs to a reading."""
+        return bool(((self.first <= row) & (row <= self.last)).any())
+
     def text(self) -> str:
         """The table as CSV, rows from 1."""
         columns: dict[str, list[str]] = {

@@ -67,8 +67,10 @@ class RawTable(FrameTable):
         return self.lines[row] if row < len(self.lines) else None
 
 
-def mapped(entry: RawEntry, folder: Path, machine: Machine) -> Recording:
+def mapped(entry: RawEntry, folder: Path, machine: Machine, pairs: PairTable | None = None) -> Recording:
     """A raw file with the columns of the toolkit, in mm, degrees (rad where a survey has rad), s, degC, mm/min and kg.
+
+    `pairs`: its rows that are read; text among the numbers of others is left alone.
 
     Raises
     ------
@@ -79,6 +81,11 @@ def mapped(entry: RawEntry, folder: Path, machine: Machine) -> Recording:
     if entry.sha256 and hashlib.sha256(raw.data).hexdigest() != entry.sha256:
         found = "it is not the file that was imported: its SHA-256 is another"
         raise InputError(entry.path, found, "Put the file back, or import it again")
+    if pairs is not None:
+        own = replace(raw, counts=pairs.has)
+        recording = with_map(read_raw(own, entry, machine), entry, machine)
+        if recording.a_row_each:
+            return recording
     return with_map(read_raw(raw, entry, machine), entry, machine)
 
 
@@ -157,7 +164,7 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
 def _is_coordinate(name: str, machine: Machine) -> bool:
     """Whether a column is one of those that a unit for all coordinates of a file is meant for."""
     joint = any(name.removeprefix(READ_BACK) in j.columns for j in machine.joints if j.type == "prismatic")
-    return joint or _plain(name) in (*MEASURED, *SIGMA_COLUMNS, *TOOL_COLUMNS, "sigma", "length")
+    return joint or plain_column(name) in (*MEASURED, *SIGMA_COLUMNS, *TOOL_COLUMNS, "sigma", "length")
 
 
 def _said(name: str, units: Mapping[str, str]) -> str:
@@ -165,14 +172,14 @@ def _said(name: str, units: Mapping[str, str]) -> str:
     return units.get(name, "") if name == "time" or name.startswith("T_") else ""
 
 
-def _plain(name: str) -> str:
+def plain_column(name: str) -> str:
     """The column of a survey that a column of a raw file is one of: `X` of ``read_X``, ``length`` of ``length:A``."""
     return reading_of(name.removeprefix(READ_BACK))[0]
 
 
 def _usual(name: str, machine: Machine) -> str:
-    quantity = quantity_of(_plain(name), machine)
-    return "" if quantity is None else unit_of_column(_plain(name), quantity, SurveyUnits())
+    quantity = quantity_of(plain_column(name), machine)
+    return "" if quantity is None else unit_of_column(plain_column(name), quantity, SurveyUnits())
 
 
 def is_column(name: str, machine: Machine) -> bool:
@@ -189,19 +196,19 @@ def _check_units(entry: RawEntry, columns: Mapping[str, Any]) -> None:
 
 def _unit_read(entry: RawEntry, machine: Machine, name: str, stated: str) -> str:
     """The unit as which a column is read: said of it, stated in the file, said of its kind, or the usual one."""
-    quantity = quantity_of(_plain(name), machine) or ""
+    quantity = quantity_of(plain_column(name), machine) or ""
     kind = entry.units.get(quantity, "") if not stated and name not in entry.units else ""
     return unit_word(entry.units.get(name, stated or kind or _usual(name, machine)))
 
 
 def _converted(entry: RawEntry, machine: Machine, name: str, column: Any, unit: str) -> Any:
     """A column in `unit` in the unit that a survey's table has by default."""
-    quantity = quantity_of(_plain(name), machine)
+    quantity = quantity_of(plain_column(name), machine)
     if name.startswith("dir_") and column.dtype.kind != "f":
         return sides(column, lambda row: f"{entry.path}, row {row + 1}, column {name}")
     if quantity is None or column.dtype.kind != "f":
         return column
-    usual = unit_of_column(_plain(name), quantity, SurveyUnits())
+    usual = unit_of_column(plain_column(name), quantity, SurveyUnits())
     if not is_unit(unit, quantity):
         where = f"{entry.path}, column {name}"
         such = 'arcsec, if " are seconds of arc' if (quantity, unit) == ("angle", "inch") else UNIT_EXAMPLES[quantity]
@@ -215,10 +222,10 @@ def _converted(entry: RawEntry, machine: Machine, name: str, column: Any, unit: 
 
 def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[LogEntry]) -> RawTable:
     """The table of a survey that an entry of ``survey.yaml`` makes of raw files."""
-    measured = mapped(entry, folder, machine)
-    commands, pairs = None, None
-    if entry.pairs:
-        pairs = read_pairs(folder / entry.pairs, entry.pairs)
+    commands = None
+    pairs = read_pairs(folder / entry.pairs, entry.pairs) if entry.pairs else None
+    measured = mapped(entry, folder, machine, pairs)
+    if pairs is not None:
         pairs.check_readings(len(measured.frame), entry.path)
     if entry.commands is not None and pairs is not None:
         commands = mapped(entry.commands, folder, machine)

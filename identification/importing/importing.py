@@ -26,7 +26,7 @@ from identification.importing.clock_jumps import refuse_backwards, unordered_tim
 from identification.importing.copies import copy_notes
 from identification.importing.end_points import computed_notes
 from identification.importing.exchanged_rows import CURE as FOUND_CURE
-from identification.importing.leaving_out import without_rows
+from identification.importing.leaving_out import open_measured, without_rows
 from identification.importing.near_causes import other_cause
 from identification.importing.nearest import find_pairing
 from identification.importing.other_orders import CURE
@@ -107,7 +107,7 @@ def import_files(
         raise InputError(twice[0], "two files of one name", "Give them different names: they are kept in one folder")
     commanded = None if commands is None else open_source(commands, machine, "commands", wishes)
     kind: Kind = "whole" if commanded is None else "measured"
-    sources = [open_source(path, machine, kind, wishes, len(raws) > 1) for path in raws]
+    sources = [open_measured(path, machine, kind, wishes, len(raws) > 1) for path in raws]
     refuse_unused(wishes, sources, commanded)
     sources = without_rows(sources, wishes.leave_out)
     chain = Chain(machine)

@@ -5,14 +5,18 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from errormodel.exceptions import InputError, nearest
+from errormodel.machine import Machine
 from errormodel.surveys.columns import MEASURED, READINGS
-from identification.importing.sources import SourceFile
+from identification.importing.roles import Kind
+from identification.importing.sources import SourceFile, Wishes, open_source
 
 OPTION = "--leave-out"
+COUNTED = ("points", "single")  # what files hold whose rows can be left out
 
 
 def rows_of(texts: Sequence[str]) -> dict[str, list[int]]:
@@ -39,6 +43,22 @@ def rows_of(texts: Sequence[str]) -> dict[str, list[int]]:
     return out
 
 
+def open_measured(path: Path, machine: Machine, kind: Kind, wishes: Wishes, several: bool) -> SourceFile:
+    """A file with what was measured, read so that text in a row that is left out makes no column of numbers text.
+
+    Raises
+    ------
+    InputError
+        See `open_source`.
+    """
+    left = {row - 1 for row in wishes.leave_out.get(path.name, wishes.leave_out.get("", ()))}
+    if left:
+        source = open_source(path, machine, kind, wishes, several, lambda row: row not in left)
+        if source.what in COUNTED and source.recording.a_row_each:
+            return source
+    return open_source(path, machine, kind, wishes, several)
+
+
 def without_rows(sources: Sequence[SourceFile], left: Mapping[str, Sequence[int]]) -> list[SourceFile]:
     """Files of points and of single readings, in which the rows that are left out hold nothing measured.
 
@@ -47,7 +67,7 @@ def without_rows(sources: Sequence[SourceFile], left: Mapping[str, Sequence[int]
     InputError
         There is no such file or row, or it is not said of which file it is.
     """
-    names = {s.raw.path.name: s for s in sources if s.what in ("points", "single")}
+    names = {s.raw.path.name: s for s in sources if s.what in COUNTED}
     out = []
     for name in left:
         if name not in names and (name or len(names) != 1):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -16,13 +16,12 @@ from errormodel.machine import Machine
 from errormodel.observations import registry
 from errormodel.observations.base import Observation
 from errormodel.raw_formats.base import Asked, RawFile, Recording, format_of, open_raw, raw_formats
-from errormodel.raw_formats.cells import kind_of
 from errormodel.raw_formats.commanded_circle import CommandedCircle
 from errormodel.raw_formats.programme_poses import NO_END
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.surveys.columns import MEASURED, quantity_of
 from errormodel.surveys.file import Axes, RawEntry
-from errormodel.surveys.raw import LABELS, LEFT_OUT, READ_BACK, is_column, read_raw, with_map
+from errormodel.surveys.raw import LEFT_OUT, READ_BACK, is_column, read_raw, with_map
 from errormodel.units import factor, is_unit
 from identification.importing.end_points import calibrated, end_points
 from identification.importing.roles import (
@@ -35,6 +34,7 @@ from identification.importing.roles import (
     roles,
     unused,
 )
+from identification.importing.words_among_numbers import refuse_words, spelt_out
 
 SHOWN = 6  # words of a format for its columns, in a message
 FOLDER = "raw"  # of a survey, for the files as they came
@@ -201,20 +201,24 @@ def circle_of(
         raise InputError("--centre", found, "Write --plane XY, --radius above 0 in mm, --start in degrees") from error
 
 
-def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes, several: bool = False) -> SourceFile:
+def open_source(
+    path: Path, machine: Machine, kind: Kind, wishes: Wishes, several: bool = False,
+    counts: Callable[[int], bool] | None = None,
+) -> SourceFile:  # fmt: skip
     """Read a raw file, find its columns, and say what it holds.
 
     Parameters
     ----------
     kind : what it may hold: see `identification.importing.roles`.
     several : whether there are others of its kind: a log that has none of the columns named is not meant.
+    counts : whether a row of its table, from 0, counts for anything; None: all do.
 
     Raises
     ------
     InputError
         The file cannot be read, or a column or unit that was named is not there.
     """
-    raw = open_raw(path, str(path))
+    raw = replace(open_raw(path, str(path)), counts=counts)
     of_commands = kind == "commands"
     asked = wishes.command_format if of_commands else wishes.format
     given = wishes.command_columns if of_commands else wishes.columns
@@ -238,23 +242,25 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes, severa
     if wishes.sheet and not has_sheet:
         plain = plain.model_copy(update={"sheet": ""})
     names = [str(n) for n in recording.frame]
+    spelt = spelt_out(recording)
     if several and not any(theirs.startswith("#") or theirs.removeprefix("-") in names for theirs in given.values()):
-        alone = {*names, *roles(recording, machine, kind, {})}
+        alone = {*names, *roles(spelt, machine, kind, {})}
         if "time" in alone and not alone & {*MEASURED, *(n for j in machine.joints for n in j.columns)}:
             given = {}  # a log beside the measured file
     own = {ours: _placed(path, theirs, names) for ours, theirs in given.items()}
     if wishes.joint and {*own} & {*MOTIONS} and wishes.joint not in own and (place := position_column(names)):
         own[wishes.joint] = place
     if of_commands and form.bare and not own and not any(j.name in names for j in machine.joints):
-        own = commands_by_place(recording, machine, table is None or table.named)
+        own = commands_by_place(spelt, machine, table is None or table.named)
     single = None if of_commands or recording.trace else wishes.observation
     if single is not None and single.poses > 1:
         own = {**end_points(names, machine), **own} if kind == "whole" else own
         if single.reading not in own and (bar := calibrated([n for n in names if n not in own.values()])):
             own[single.reading] = bar
-    found = roles(recording, machine, kind, own)
+    found = roles(spelt, machine, kind, own)
     if single is not None:
-        found = reading_roles(recording, machine, found, single.reading)
+        found = reading_roles(spelt, machine, found, single.reading)
+    refuse_words(recording, found, machine, str(path), of_commands)
     entry = plain.model_copy(
         update={
             "path": f"{FOLDER}/{path.name}", "sha256": hashlib.sha256(raw.data).hexdigest(),
@@ -327,19 +333,6 @@ def _check_unit(path: Path, entry: RawEntry, recording: Recording, single: Obser
             raise InputError(f"{path}, column {own}", "angles without a unit", cure)
 
 
-def _refuse_words(path: Path, recording: Recording) -> None:
-    """InputError where a column is text for a few words among its numbers."""
-    for name in map(str, recording.frame):
-        column = recording.frame[name]
-        if column.dtype.kind == "f" or name in LABELS:
-            continue
-        words = [row for row, cell in enumerate(map(str, column)) if kind_of(cell) == "text"]
-        if 0 < len(words) < len(column) / 2:
-            line = f"line {recording.lines[words[0]]}, " if recording.lines else ""
-            found = f"'{column.iloc[words[0]]}' among numbers"
-            raise InputError(f"{path}, {line}column {name}", found, "Give the file as it was written")
-
-
 def _what(path: Path, recording: Recording, machine: Machine, kind: Kind, single: Observation | None = None) -> What:
     frame = recording.frame
     names = [str(n) for n in frame]
@@ -370,7 +363,6 @@ def _what(path: Path, recording: Recording, machine: Machine, kind: Kind, single
         raise InputError(str(path), found, "Say it with --columns, such as --columns dy=deviation, and --units dy=um")
     if "time" in names and any(n.startswith(("T_", "w_")) or n in ("feed", "load") for n in names):
         return "log"
-    _refuse_words(path, recording)
     if len(joints) == len(machine.joints):
         raise InputError(
             str(path), "commands, and nothing measured", "Give it as --commands, and the measured file first"

@@ -130,12 +130,23 @@ def test_a_row_within_a_table_is_never_lost_in_silence(tmp_path: Path) -> None:
         assert len(read_back(tmp_path, text(row)).frame) == 8
     failed = read_back(tmp_path, text("P3;Lost;invalid"))
     assert np.isnan(failed.frame[["X", "Y"]].to_numpy()[2]).all()
-    assert "no value where it says Lost, invalid" in failed.notes
+    assert "no value where it says Lost, invalid: row 3" in failed.notes
     assert "1 line of words between the rows passed over" in read_back(tmp_path, text("Group 2")).notes
     with pytest.raises(InputError, match="1 cells where the table has 3"):
         read_back(tmp_path, text("P3"))
     with pytest.raises(InputError, match="is not a number"):
         read_back(tmp_path, text("P3;12 mm;13 inch"))
+
+
+@pytest.mark.parametrize("at", [0, 3, 7])
+@pytest.mark.parametrize("row", ["#####,1.5,2.5", "***,1.5,?", "##,lost,1.5"])
+def test_a_row_that_begins_with_the_sign_of_a_failed_reading_is_no_comment(row: str, at: int, tmp_path: Path) -> None:
+    rows = [f"{k}.5,{k}.25,{k}.125" for k in range(8)]
+    rows[at] = row
+    read = read_back(tmp_path, "\n".join(["X,Y,Z", *rows]).encode())
+    assert list(np.flatnonzero(read.frame["X"].isna())) == [at]
+    drawn = read_back(tmp_path, "\n".join(["X,Y,Z", "#####", *rows[:at], "## 1 2", *rows[at + 1 :]]).encode())
+    assert len(drawn.frame) == 7
 
 
 @pytest.mark.parametrize(
