@@ -39,6 +39,7 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.motions_as_points import as_points, carried
 from identification.diagnosis.linear.residual_rows import heldout_um, rms_um, views_of
 from identification.diagnosis.linear.row_residuals import by_observation, noise_mm, spread, vectors
+from identification.diagnosis.results.aliased_periods import aliased_periods
 from identification.diagnosis.results.beyond_recorded import known_where_recorded
 from identification.diagnosis.results.diagnosed import Diagnosed
 from identification.diagnosis.results.effect_size import Amount, whole_of
@@ -80,7 +81,7 @@ from identification.diagnosis.search.other_lags import lags_left_open
 from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.together import together
 from identification.estimation.checks import check_declared, check_readings, noise_notes
-from identification.estimation.fit import fit_machine
+from identification.estimation.fit import fit_if_possible, fit_machine
 from identification.estimation.result import Fit
 from identification.observation.normal_equations import design_rows
 from identification.results.terminal import counted
@@ -140,7 +141,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         with progress("Looking for mistakes in the columns"):
             blunders = find_blunders(machine, survey, log)
     with progress("Fitting the machine"):
-        before = [_try(machine, s) for s in (survey, *(b.survey for b in blunders))[: len(blunders)]]
+        before = [fit_if_possible(machine, s) for s in (survey, *(b.survey for b in blunders))[: len(blunders)]]
         survey = blunders[-1].survey if blunders else survey
         mended = fit_machine(machine, survey)
         check_readings(mended)
@@ -213,6 +214,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
             *station_notes(final, log),
             *unusable,
             *contrary_sides(survey, log),
+            *aliased_periods(model),
             *(untimed_path(model.linear) if findings or verdict.word != "adequate" else ()),
             *verdict.notes,
         ),
@@ -223,14 +225,6 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     return Diagnosed(diagnosis, baseline, final, model, found.ranking, log=log)
 
 
-def _try(machine: Machine, survey: Survey, robust: bool = False) -> Fit | None:
-    """The fit to a survey with a mistake in it, which need not be possible."""
-    try:
-        return fit_machine(machine, survey, robust)
-    except (InputError, np.linalg.LinAlgError):
-        return None
-
-
 def _without_outliers(
     machine: Machine, survey: Survey, fit: Fit, log: DecisionLog, times: int = 3
 ) -> tuple[Survey, Fit, Mask]:
@@ -239,7 +233,7 @@ def _without_outliers(
     for _ in range(times):  # gross rows hide smaller ones
         more = gross_rows(fit, log) & ~bad
         if not more.any():
-            more = masked_rows(fit, partial(_try, machine, survey, robust=True), log) & ~bad
+            more = masked_rows(fit, partial(fit_if_possible, machine, survey, robust=True), log) & ~bad
         if not more.any():
             break
         bad |= more

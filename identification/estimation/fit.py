@@ -77,6 +77,14 @@ def fit_machine(
         return _fit(Chain(machine), survey, robust, bounds or {}, document, effect_sizes)
 
 
+def fit_if_possible(machine: Machine, survey: Survey, robust: bool = False) -> Fit | None:
+    """The fit to a survey with a mistake in it, which need not be possible."""
+    try:
+        return fit_machine(machine, survey, robust)
+    except (InputError, np.linalg.LinAlgError):
+        return None
+
+
 def _fit(
     chain: Chain,
     survey: Survey,
