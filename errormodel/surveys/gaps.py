@@ -1,8 +1,10 @@
-"""Linear interpolation of single missing readings of temperature sensors, with a note for each."""
+"""Linear interpolation of missing readings of temperature sensors where it is known well enough, with notes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -13,17 +15,41 @@ from errormodel.formats.base import spoken
 
 # K rms, largest interpolation error of known readings; by judgement: the noise of usual sensors is smaller
 SENSOR_NOISE_KELVIN = 0.3
-MOST_GAPS_SHARE = 0.1  # largest share of missing rows of one clock; by judgement
-LONGEST_GAP_ROWS = 3  # most consecutive missing rows; by judgement
+# largest share of missing rows of one clock: some eight stretches as long as a gap then show how far lines are off
+MOST_GAPS_SHARE = 0.1
+SHORT_GAP_ROWS = 3  # consecutive missing rows up to which `SENSOR_NOISE_KELVIN` alone decides; by judgement
+# largest interpolation error in a longer gap, as a share of the sensor's standard deviation over the survey, beyond
+# what one reading is off its neighbours: of an effect of ten times the noise, a filled row is then off by the noise
+UNKNOWN_SHARE = 0.1
+MOST_TRIED = 16  # missing rows of a gap at which lines are tried: of a long one its errors are smooth along it
 # longest gap over the usual time of as many readings; by judgement: temperatures after a longer pause are unknown
 LONGEST_PAUSE_RATIO = 3.0
+LEAST_SAID_KELVIN = 0.001  # smaller errors are not told apart in notes
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Lines over known readings: their error where it is largest (K rms), the largest rise (K), the usual span."""
+
+    error: float
+    rise: float
+    span: float
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A gap that was filled: from the reading before to the one after (s or rows), and the error of such lines, K."""
+
+    span: float
+    error: float
 
 
 def filled(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
-    """Table with short gaps of its temperatures interpolated linearly over time, and notes.
+    """Table with gaps of its temperatures interpolated linearly over time, and notes.
 
     Without time the order of the rows replaces it. Neighbours are of one file, and of one run where times go back. A
-    gap is filled if known readings, left out in turn, lie within `SENSOR_NOISE_KELVIN` (rms) of such lines.
+    gap is filled if known readings, left out in turn over as many rows, lie within `SENSOR_NOISE_KELVIN` (rms, where
+    they do worst) of such lines; a long one if they do so within `UNKNOWN_SHARE` of what the sensor varies by, too.
 
     Parameters
     ----------
@@ -35,62 +61,84 @@ def filled(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
     out, notes, courses = table.copy(), list[str](), list(_courses(table))
     for name in names:
         values = table[name].to_numpy(dtype=np.float64).copy()
-        for rows, time in courses:
+        known = values[np.isfinite(values)]
+        varies = float(known.std()) if len(known) else 0.0
+        for rows, time, timed in courses:
             own = values[rows]
-            values[rows] = _interpolated(own, time)
-            now = rows[np.isnan(own) & ~np.isnan(values[rows])]
-            if len(now):
-                file, numbers = table["file"].iloc[now[0]], sorted(table["row"].iloc[now].tolist())
-                cells = "1 cell" if len(now) == 1 else f"{len(now)} cells"
-                notes.append(
-                    f"{file}: {name} has no value in {spoken(numbers)}: {cells} interpolated between the readings "
-                    "before and after"
-                )
+            values[rows], gaps = _interpolated(own, time, varies)
+            if gaps:
+                now = rows[np.isnan(own) & ~np.isnan(values[rows])]
+                notes.append(_note(name, table, now, gaps, timed))
         out[name] = values
     return out, notes
 
 
-def _courses(table: pd.DataFrame) -> Iterator[tuple[Index, Array]]:
-    """Rows of one clock in order of time, and their times (row numbers without a column ``time``)."""
+def _note(name: str, table: pd.DataFrame, rows: Index, gaps: list[Gap], timed: bool) -> str:
+    """Which readings are interpolated, over what, and how well they are known."""
+    file, numbers = table["file"].iloc[rows[0]], sorted(table["row"].iloc[rows].tolist())
+    cells = "1 cell" if len(rows) == 1 else f"{len(rows)} cells"
+    longest, error = max(gap.span for gap in gaps), max(gap.error for gap in gaps)
+    span = f"{longest:.0f} s" if timed else f"{longest:.0f} rows"
+    return (
+        f"{file}: {name} has no value in {spoken(numbers)}: {cells} interpolated between the readings "
+        f"before and after, {'at most ' if len(gaps) > 1 else ''}{span} apart; other readings lie within "
+        f"{max(error, LEAST_SAID_KELVIN):.2g} K (rms) of such lines"
+    )
+
+
+def _courses(table: pd.DataFrame) -> Iterator[tuple[Index, Array, bool]]:
+    """Rows of one clock in order of time, their times (row numbers without a column ``time``), and whether in s."""
     for own in table.groupby("file", sort=False).indices.values():
         rows = np.sort(own)
-        timed = "time" in table and table["time"].iloc[rows].notna().all()
+        timed = "time" in table and bool(table["time"].iloc[rows].notna().all())
         time = table["time"].to_numpy(dtype=np.float64)[rows] if timed else np.arange(len(rows), dtype=np.float64)
         apart = not timed or bool((np.diff(time) < 0).any())
         run = table["run"].astype(str).to_numpy()[rows] if apart else np.zeros(len(rows))
         for label in np.unique(run):
             which = np.flatnonzero(run == label)
             which = which[np.argsort(time[which], kind="stable")]
-            yield rows[which], time[which]
+            yield rows[which], time[which], timed
 
 
-def _interpolated(values: Array, time: Array) -> Array:
-    """Readings (n,) in order of time, with those gaps filled in which interpolation reproduces known readings."""
+def _interpolated(values: Array, time: Array, varies: float) -> tuple[Array, list[Gap]]:
+    """Readings (n,) in order of time, those gaps filled in which interpolation reproduces known readings; the gaps."""
     gap = np.isnan(values)
     if not gap.any() or gap.sum() > MOST_GAPS_SHARE * len(values):
-        return values
-    out, known = values.copy(), np.flatnonzero(~gap)
-    for before, after in pairwise(known):
-        size = int(after - before - 1)
-        if not 0 < size <= LONGEST_GAP_ROWS:
+        return values, []
+    out, known, gaps = values.copy(), np.flatnonzero(~gap), list[Gap]()
+    lines = cache(partial(_lines, values, time))  # of gaps of one size they are the same
+    for before, after in pairwise(known.tolist()):
+        size = after - before - 1
+        if not size or (tried := lines(size)) is None:
             continue
-        starts = np.arange(len(values) - size - 1)
-        starts = starts[~np.isnan(values[starts]) & ~np.isnan(values[starts + size + 1])]
-        starts = starts[starts != before]
-        ends = starts + size + 1
-        if not len(starts):
+        most = SENSOR_NOISE_KELVIN
+        if size > SHORT_GAP_ROWS:
+            single = lines(1)
+            most = min(most, float(np.hypot(UNKNOWN_SHARE * varies, single.error if single else 0.0)))
+        span = float(time[after] - time[before])
+        if tried.error > most or span > LONGEST_PAUSE_RATIO * tried.span:
             continue
-        inside = [starts + k for k in range(1, size + 1)]
-        off = np.concatenate([_line(values, time, starts, ends, at) - values[at] for at in inside])
-        off = off[~np.isnan(off)]
-        rise, span = np.abs(values[ends] - values[starts]), time[ends] - time[starts]
-        error = float(np.sqrt(np.mean(off**2))) if len(off) else np.inf
-        if error > SENSOR_NOISE_KELVIN or time[after] - time[before] > LONGEST_PAUSE_RATIO * np.median(span):
-            continue
-        if abs(values[after] - values[before]) <= rise.max() + SENSOR_NOISE_KELVIN:
+        if abs(values[after] - values[before]) <= tried.rise + SENSOR_NOISE_KELVIN:
             inner = np.arange(before + 1, after)
             out[inner] = _line(values, time, np.full(size, before), np.full(size, after), inner)
-    return out
+            gaps.append(Gap(span, tried.error))
+    return out, gaps
+
+
+def _lines(values: Array, time: Array, size: int) -> Lines | None:
+    """Lines over all stretches of known readings with so many rows between their ends; None where there are none."""
+    starts = np.arange(max(len(values) - size - 1, 0))
+    missing = np.append(0, np.cumsum(np.isnan(values)))
+    starts = starts[missing[starts + size + 2] == missing[starts]]
+    if not len(starts):
+        return None
+    ends = starts + size + 1
+    squares = []
+    for k in np.unique(np.linspace(1, size, min(size, MOST_TRIED)).round().astype(np.intp)):
+        off = _line(values, time, starts, ends, starts + k) - values[starts + k]
+        squares.append(float(np.mean(off**2)))
+    rise = float(np.abs(values[ends] - values[starts]).max())
+    return Lines(float(np.sqrt(max(squares))), rise, float(np.median(time[ends] - time[starts])))
 
 
 def _line(values: Array, time: Array, start: Index, end: Index, at: Index) -> Array:

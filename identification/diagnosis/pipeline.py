@@ -73,6 +73,7 @@ from identification.diagnosis.results.statements import (
     statement_of,
     subject,
 )
+from identification.diagnosis.results.untestable import unconsidered
 from identification.diagnosis.results.verdict import judge, with_doubt
 from identification.diagnosis.results.witnesses import WitnessResult, with_witnesses
 from identification.diagnosis.search.instrument_noise import station_notes
@@ -290,6 +291,7 @@ def _finding(
     others += by_other_sensors(main, motions_of(main, linear), sensors)
     places = place_probabilities(main.effect, main.where, others)
     elsewhere_said = alike_of(same, machine) or sentence_of_places(places)
+    other_sensors = (sentence_of(main, sensors), unconsidered(main, linear.scene))
     at = getattr(main, "at", None) if "time" in main.drivers else None
     finding = Finding(
         effect=main.effect,
@@ -300,9 +302,7 @@ def _finding(
         time=[float(at)] if at is not None else None,
         period=period_of(main, machine),
         periods=periods_of(main, machine),
-        statement=" ".join(
-            filter(None, (statement, *(f"{t}." for t in results), elsewhere_said, sentence_of(main, sensors)))
-        ),
+        statement=" ".join(filter(None, (statement, *(f"{t}." for t in results), elsewhere_said, *other_sensors))),
         parameters=whole.amounts,
         time_constants=[amount for s in group for amount in time_constants(final, model, s)],
         probability=probability,

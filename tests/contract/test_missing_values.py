@@ -226,12 +226,47 @@ def test_a_short_gap_of_a_sensor_is_interpolated(timed: bool, table: pd.DataFram
     np.testing.assert_allclose(survey.table["T_x"], np.interp(at, at[known], spoilt["T_x"][known]), atol=1e-9)
 
 
+@pytest.mark.parametrize("timed", [True, False])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_long_gap_of_a_smooth_sensor_is_interpolated(
+    timed: bool, seed: int, table: pd.DataFrame, tmp_path: Path
+) -> None:
+    """Six minutes of three hours, beside a twin that says what was there: as far off as the note says, or less."""
+    rng, n = np.random.default_rng(seed), np.arange(180)
+    true = 20 + 3 * np.sin(n / 40 + seed)
+    full = pd.concat([table] * 3, ignore_index=True).assign(time=60.0 * n, T_x=true + rng.normal(0, 0.03, len(n)))
+    spoilt = full if timed else full.drop(columns="time")
+    rows = np.arange(50, 56)
+    spoilt = spoilt.assign(T_x=full["T_x"].where(~np.isin(n, rows)))
+    survey = read(spoilt, tmp_path)
+    (note,) = (said for said in survey.notes if "T_x" in said)
+    assert ("420 s apart" if timed else "7 rows apart") in note
+    assert "6 rows (51, 52, 53, 54, 55, 56): 6 cells interpolated" in note
+    stated = float(note.split(" K (rms)")[0].split()[-1])
+    off = survey.table["T_x"].to_numpy()[rows] - true[rows]
+    assert np.sqrt(np.mean(off**2)) < 1.5 * stated  # stated of one reading, with noise; two of them make the line
+    assert stated < 0.1 * true.std()
+
+
+def test_noise_does_not_make_a_long_gap_unknown(table: pd.DataFrame, tmp_path: Path) -> None:
+    """A coarse sensor is off lines by its noise, as it is off its neighbours: the course is known all the same."""
+    spoilt = warm(table)
+    spoilt["T_x"] += np.random.default_rng(3).normal(0, 0.15, len(table))
+    spoilt.loc[30:33, "T_x"] = np.nan
+    assert read(spoilt, tmp_path).table["T_x"].notna().all()
+
+
 def _many(t: pd.DataFrame) -> None:
     t.loc[::8, "T_x"] = np.nan
 
 
 def _long(t: pd.DataFrame) -> None:
+    t["T_x"] = 20 + np.cumsum(np.random.default_rng(0).normal(0, 0.1, len(t)))  # a course that no line follows
     t.loc[10:13, "T_x"] = np.nan
+
+
+def _third(t: pd.DataFrame) -> None:
+    t.loc[20:39, "T_x"] = np.nan
 
 
 def _end(t: pd.DataFrame) -> None:
@@ -259,7 +294,7 @@ def _runs(t: pd.DataFrame) -> None:
     t.loc[20, "T_x"] = np.nan
 
 
-@pytest.mark.parametrize("spoil", [_many, _long, _end, _pause, _step, _states, _runs])
+@pytest.mark.parametrize("spoil", [_many, _long, _third, _end, _pause, _step, _states, _runs])
 def test_a_gap_that_neighbours_do_not_show_stays_one(spoil: object, table: pd.DataFrame, tmp_path: Path) -> None:
     assert callable(spoil)
     spoilt = warm(table)
@@ -292,3 +327,5 @@ def test_diagnose_with_gaps_of_a_sensor(share: float, tmp_path: Path) -> None:
     assert ("Scale-expansion of X, driven by T_x" in result.out) == (share < 0.1)
     assert "no temperature was recorded" not in result.out
     assert (f"T_x cannot be used: no value in {len(gaps)} of 160 rows" in result.out) == (share > 0.1)
+    said = f"T_x cannot be used (no value in {len(gaps)} of 160 rows): it was not considered, and may be the cause."
+    assert (said in result.out) == (share > 0.1)

@@ -16,8 +16,9 @@ from errormodel.effects.cross_axis_compliance import CrossAxisCompliance
 from errormodel.machine import EffectSpec, Joint
 from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
+from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.of_fit import set_up
-from identification.diagnosis.results.untestable import unseen
+from identification.diagnosis.results.untestable import unconsidered, unseen
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import MANY, Candidates
 from identification.estimation.fit import fit_machine
@@ -113,6 +114,34 @@ def test_what_was_found_was_large_enough_to_be_seen() -> None:
     said = {u.effect: u.reason for u in unseen(linear.scene, scores, [])}
     assert "at its usual size stays within the noise" in said[scale.effect]
     assert scale.effect not in {u.effect for u in unseen(linear.scene, scores, [scale])}
+
+
+def test_a_sensor_that_cannot_be_used_may_be_the_cause() -> None:
+    """Said of what it would drive, though others are tried in its place; of what a temperature does not drive, not."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 300, 3, channels=True, grid=False)
+    dead = survey.table.assign(T_1=survey.table["T_1"].where(survey.table["row"] > 100))
+    linear = set_up(fit_machine(machine, replace(survey, table=dead)))
+    log = DecisionLog()
+    said = {(u.effect, u.reason) for u in unseen(linear.scene, Candidates.of(linear).scores(linear), [], log)}
+    assert ("scale-expansion", "by T_1, which cannot be used: no value in 100 of 300 rows") in said
+    assert {e for e, reason in said if "T_1" in reason} >= {"structure-drift", "thermal-bending", "refraction"}
+    assert not any("T_1" in reason for e, reason in said if e in ("warm-up", "backlash", "beam-sag"))
+    untried = [d for d in log if d.rule == "sensor-not-tried" and d.effect == "scale-expansion"]
+    assert {(d.where, d.driver) for d in untried} == {(j, "T_1") for j in "XYZ"}
+    warm_up = make(EffectSpec("warm-up", {"joint": "X", "tau": 900.0}))
+    one = "T_1 cannot be used (no value in 100 of 300 rows): it was not considered, and may be the cause."
+    assert unconsidered(warm_up, linear.scene) == one
+    assert unconsidered(make(EffectSpec("scale-expansion", {"joint": "X", "sensor": "T_0"})), linear.scene) == one
+    assert not unconsidered(make(EffectSpec("backlash", {"joint": "X"})), linear.scene)
+    sound = replace(linear.scene, unusable={})
+    assert not unconsidered(warm_up, sound)
+    none_left = {n: v for n, v in linear.scene.columns.items() if not n.startswith("T_")}
+    two = replace(linear.scene, columns=none_left, unusable={"T_1": "stuck", "T_2": "torn off"})
+    assert unconsidered(warm_up, two) == (
+        "T_1 cannot be used (stuck) and T_2 cannot be used (torn off): they were not considered, and each may be the "
+        "cause."
+    )
 
 
 def test_products_that_are_known_score_as_well_as_those_made_anew() -> None:

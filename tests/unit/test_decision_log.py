@@ -92,6 +92,14 @@ def test_what_decides_last_has_the_say(lines: list[Decision], word: str) -> None
     assert fate([*first, *lines], B)[0] == word
 
 
+def test_what_a_dead_sensor_would_drive_is_judged_by_the_others() -> None:
+    """And it is said beside: an effect that no sensor was tried for could not be considered."""
+    untried = decision("sensor-not-tried", "not considered", B, 1, compared_with="T_1 cannot be used")
+    history = History([*FOUND_A, *scores(1, b=0.5), untried], [("sag", "X")])
+    fate = history.fate("play", "Y")
+    assert (fate.word, fate.deciding[-1].rule) == (EXPLAINED, "sensor-not-tried")
+
+
 def test_an_alternative_is_behind_by_its_evidence() -> None:
     log = [
         *FOUND_A,

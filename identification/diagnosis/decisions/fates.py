@@ -118,9 +118,12 @@ class History:
         form = refused[0] if refused else (effect, where)  # what has no name may have been found in the form of one
         own, first = self.of_place.get(form, []), self.first_scores.get(form)
         last = self._last_score(own) or first
+        # by these sensors it was no candidate, whatever became of it by others
+        untried = [d for d in own if d.rule == "sensor-not-tried"]
+        own = [d for d in own if d not in untried]
 
         def fate(word: str, deciding: Iterable[Decision] = (), explained_by: Iterable[str] = ()) -> Fate:
-            return Fate(effect, where, word, tuple(deciding), tuple(explained_by), first, last)
+            return Fate(effect, where, word, (*deciding, *untried), tuple(explained_by), first, last)
 
         if found:
             tests = [d for d in own if d.rule != "candidate-score"]

@@ -332,10 +332,11 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "not-recorded": Rule(
             UNTESTABLE, "", "An effect is no candidate where the survey lacks a channel or a movement that it needs."
         ),
+        "sensor-not-tried": Rule(
+            UNTESTABLE, "", "A sensor that cannot be used drives no candidate, also where other sensors do."
+        ),
         "hidden-by-geometry": Rule(
-            UNTESTABLE, SHARE,
-            "An effect that is collinear with the geometry cannot be seen.",
-            _decided("ABSORBED")
+            UNTESTABLE, SHARE, "An effect that is collinear with the geometry cannot be seen.", _decided("ABSORBED")
         ),
         "below-noise": Rule(
             UNTESTABLE, "expected delta chi-squared",

@@ -77,6 +77,11 @@ def unseen(scene: Scene, scores: Scores, found: Collection[Effect], log: Decisio
             elif part > ABSORBED:
                 log.add("hidden-by-geometry", "not considered", effects[0], float(part), ABSORBED)
                 reasons.setdefault(f"the geometry absorbs {100 * part:.0f} % of it", []).append(where)
+            elif untried := _by_unusable(effects, scene):
+                for sensor, effect in untried.items():
+                    log.add("sensor-not-tried", "not considered", effect, beside=_cannot_be_used([sensor], scene))
+                lacks = "; ".join(f"by {s}, which cannot be used: {scene.unusable[s]}" for s in untried)
+                reasons.setdefault(lacks, []).append(where)
         said = {place for places in reasons.values() for place in places}
         said |= {effect.where for effect in found if effect.effect == name}
         for joint in scene.moving:
@@ -106,6 +111,35 @@ def _hidden_forms(scores: Scores, found: Collection[Effect]) -> Iterator[Untesta
         yield Untestable(name, reason, registry()[name].separate)
 
 
+def unconsidered(effect: Effect, scene: Scene) -> str:
+    """That unusable sensors may be the cause of what time or another sensor drives; empty where none may be.
+
+    At the place of the effect, of effects that a full survey would have proposed by them.
+    """
+    if not scene.unusable or not _changes(effect.drivers):
+        return ""
+    full, physical = full_scene(scene), (k for k in registry().values() if not k.empirical and k.traits().physical)
+    untried = _by_unusable([e for kind in physical for e in kind.proposals(full) if e.where == effect.where], scene)
+    said = " and ".join(f"{name} cannot be used ({scene.unusable[name]})" for name in untried)
+    which = "it was not considered, and" if len(untried) == 1 else "they were not considered, and each"
+    return f"{said}: {which} may be the cause." if untried else ""
+
+
+def _by_unusable(effects: Sequence[Effect], scene: Scene) -> dict[str, Effect]:
+    """Unusable sensors that would drive some of the effects, each with the first that it would."""
+    out = dict[str, Effect]()
+    for effect in effects:
+        for name in map(root, effect.drivers):
+            if name in scene.unusable:
+                out.setdefault(name, effect)
+    return out
+
+
+def _cannot_be_used(names: Collection[str], scene: Scene) -> str:
+    """That sensors cannot be used, and why."""
+    return "; ".join(f"{name} cannot be used: {scene.unusable[name]}" for name in names)
+
+
 def variant_of(effect: Effect) -> Variant:
     """An effect's word, its place, and whether it changes with warmth or time."""
     return effect.effect, effect.where, _changes(effect.drivers)
@@ -117,7 +151,7 @@ def _changes(drivers: tuple[str, ...]) -> bool:
 
 
 def full_scene(scene: Scene) -> Scene:
-    """The machine as a full survey would have it, with this survey's sensors where it has any."""
+    """The machine as a full survey would have it, with this survey's sensors, working, where it has any."""
     rng = np.random.default_rng(0)
     time: Array = 60.0 * np.arange(ROWS, dtype=np.float64)
     columns: dict[str, Array] = {}
@@ -125,7 +159,8 @@ def full_scene(scene: Scene) -> Scene:
     for joint in scene.machine.joints:
         columns[joint.name] = rng.uniform(*joint.travel, ROWS)
         columns[f"dir_{joint.name}"] = rng.choice([-1.0, 1.0], ROWS)
-    for k, sensor in enumerate(scene.sensors or ("T_one", "T_two")):
+    others = () if scene.sensors else ("T_one", "T_two")
+    for k, sensor in enumerate((*scene.sensors, *scene.unusable, *others)):
         columns[sensor] = 20 + np.sin(time / time[-1] * (k + 2))
     for name in ("feed", "load"):
         columns[name] = rng.choice([0.0, 1000.0, 2000.0], ROWS)
@@ -169,8 +204,9 @@ def _lacking(names: Sequence[str], scene: Scene) -> Iterator[str]:
         elif channel in joints and not scene.varies(channel):
             yield f"{channel} did not move"
         elif channel.startswith("T_") and not scene.sensors:
-            faults = (f"{name} cannot be used: {reason}" for name, reason in scene.unusable.items())
-            yield "; ".join(faults) or "no temperature was recorded that changes"
+            yield _cannot_be_used(scene.unusable, scene) or "no temperature was recorded that changes"
+        elif channel in scene.unusable:
+            yield _cannot_be_used([channel], scene)
         elif channel in ("time", "feed", "load") and not scene.varies(channel):
             yield f"no {channel} was recorded that changes"
         elif channel in TOOL_CHANNELS and not any(scene.varies(c) for c in TOOL_CHANNELS):
