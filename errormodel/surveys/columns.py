@@ -8,6 +8,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import pandas as pd
+
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.formats.base import Table
@@ -200,7 +202,7 @@ def plan_columns(table: Table, machine: Machine, columns: Mapping[str, str], mea
         found = "no measured column" + (f" ({', '.join(hints)})" if hints else "")
         raise InputError(where, found, f"Name what was measured mx my mz. Found: {', '.join(named)}")
     if measured and any(name in ours for name in MEASURED):
-        _refuse_misspelt(where, unused, ours, machine)
+        _refuse_misspelt(table, unused, ours, machine)
     _all_or_none(where, ours, ORIENTATION)
     return Plan(ours, missing, tuple(_notes(unused, ours, machine)))
 
@@ -237,14 +239,27 @@ def _all_or_none(where: str, ours: Mapping[str, str], names: tuple[str, ...]) ->
         )
 
 
-def _refuse_misspelt(where: str, unused: list[str], ours: Mapping[str, str], machine: Machine) -> None:
-    """InputError where one of the measured components is missing beside others, and a name is nearly its own."""
-    for theirs in unused:
-        our = _near(theirs, machine)
-        if our in MEASURED and our not in ours:
-            seen = " ".join(name for name in MEASURED if name in ours)
-            cure = f"Name it '{our}', or write columns: {{{our}: \"{theirs}\"}} in a survey.yaml; or leave it out"
-            raise InputError(where, f"'{theirs}' beside {seen}, and no {our}", cure)
+def _refuse_misspelt(table: Table, unused: list[str], ours: Mapping[str, str], machine: Machine) -> None:
+    """InputError where a measured component is missing beside others, and a column that is not used may be it."""
+    for our in (name for name in MEASURED if name not in ours):
+        for theirs in unused:
+            if _near(theirs, machine) == our or (_holds_name(theirs, our) and _holds_numbers(table, theirs)):
+                seen = " ".join(name for name in MEASURED if name in ours)
+                cure = f"Name it '{our}', or write columns: {{{our}: \"{theirs}\"}} in a survey.yaml"
+                cure += f"; if {our} is left out on purpose, delete this column"
+                raise InputError(f"{table.name}, header", f"'{theirs}' beside {seen}, and no {our}", cure)
+
+
+def _holds_name(theirs: str, our: str) -> bool:
+    """Whether a name begins with one of ours, or has it for a word: ``Mx_meas``, ``meas mx``, ``mxMeasured``."""
+    words = re.split(r"[\W_]+", theirs.casefold())
+    return our in words or words[0].startswith(our)
+
+
+def _holds_numbers(table: Table, name: str) -> bool:
+    """Whether most cells of a column are numbers: remarks (``my remarks``) measure nothing."""
+    frame, _ = table.read([name], ())
+    return bool(pd.to_numeric(frame[name], errors="coerce").notna().mean() > 0.5)
 
 
 def machine_columns(machine: Machine) -> list[str]:

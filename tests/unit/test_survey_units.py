@@ -22,6 +22,32 @@ def test_a_measured_component_whose_name_is_misspelt_is_not_left_out(tmp_path: P
         read_survey(tmp_path / "s.csv", MACHINE)
 
 
+@pytest.mark.parametrize(
+    "name", ["Mx_meas", "meas_mx", "MX", "x_meas", "mx [mm]", "measX", "mxValue", "pt mx", "mx.act"]
+)
+@pytest.mark.parametrize("beside", [("my", "mz"), ("mz",)])
+def test_a_column_that_has_the_missing_name_in_its_own(tmp_path: Path, name: str, beside: tuple[str, ...]):
+    """And by the map, as the message says, it is read."""
+    frame = poses()[[*JOINTS, "mx", *beside]].rename(columns={"mx": name})
+    write_csv(frame, tmp_path / "s.csv")
+    with pytest.raises(InputError) as caught:
+        read_survey(tmp_path / "s.csv", MACHINE)
+    cure = f'columns: {{mx: "{name}"}}'
+    assert f"'{name}' beside {' '.join(beside)}, and no mx" in str(caught.value)
+    assert f"Name it 'mx', or write {cure}" in str(caught.value)
+    np.testing.assert_allclose(read_survey(yaml(tmp_path, cure), MACHINE).table["mx"], poses()["mx"], rtol=1e-12)
+
+
+@pytest.mark.parametrize("components", [("mx", "mz"), ("mz",), ("mx", "my", "mz")])
+def test_a_component_that_was_not_measured_is_left_out(tmp_path: Path, components: tuple[str, ...]):
+    """Where no column may be it: one of remarks, one of numbers, and one for a component that is there."""
+    frame = poses()[[*JOINTS, *components]].assign(**{"my remarks": "good", "batch": 7.0, "mz_check": 1.0})
+    write_csv(frame, tmp_path / "s.csv")
+    survey = read_survey(tmp_path / "s.csv", MACHINE)
+    assert [c for c in ("mx", "my", "mz") if survey.table[c].notna().all()] == list(components)
+    assert any("columns not used: my remarks, batch, mz_check" in note for note in survey.notes)
+
+
 # ---- units by size
 
 
