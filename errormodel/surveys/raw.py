@@ -16,6 +16,7 @@ import numpy as np
 
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
+from errormodel.formats.base import as_numbers
 from errormodel.formats.data_frame import FrameTable
 from errormodel.machine import Machine
 from errormodel.raw_formats.base import Asked, RawFile, ReadAs, Recording, called, format_of, open_raw, raw_formats
@@ -206,8 +207,11 @@ def _converted(entry: RawEntry, machine: Machine, name: str, column: Any, unit: 
     quantity = quantity_of(plain_column(name), machine)
     if name.startswith("dir_") and column.dtype.kind != "f":
         return sides(column, lambda row: f"{entry.path}, row {row + 1}, column {name}")
-    if quantity is None or column.dtype.kind != "f":
+    if quantity is None:
         return column
+    if column.dtype.kind != "f":  # a column that is empty in all rows is one of numbers as well
+        values, bad = as_numbers(column.astype("str"))
+        return column if np.isfinite(values).any() or bad.any() else values
     usual = unit_of_column(plain_column(name), quantity, SurveyUnits())
     if not is_unit(unit, quantity):
         where = f"{entry.path}, column {name}"

@@ -46,7 +46,8 @@ def refuse_words(
     ours = {theirs if theirs in frame else theirs.removeprefix("-"): own for own, theirs in columns.items()}
     left = {own for own, theirs in columns.items() if theirs == LEFT_OUT}
     names = {str(name): ours.get(str(name), str(name)) for name in frame if name not in left}
-    wordy = [n for n, own in names.items() if frame[n].dtype.kind != "f" and _of_numbers(own, machine)]
+    texts = [n for n, own in names.items() if frame[n].dtype.kind != "f" and _of_numbers(own, machine)]
+    wordy = [n for n in texts if "text" in map(kind_of, map(str, frame[n]))]  # others are empty in all rows
     if wordy:
         measured = not of_commands and not {*names.values()}.isdisjoint((*MEASURED, *READINGS))
         raise no_numbers(recording, wordy, where, measured)

@@ -64,3 +64,15 @@ def test_a_text_in_the_commands_is_refused_with_its_row(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"plan\.csv, row 5 \(line 6\), column X: 'kaputt'") as error:
         import_survey(raw, MILL, commands=plan)
     assert "--leave-out" not in error.value.cure
+
+
+@pytest.mark.parametrize("name", ["mz", "T_air", "load", "time", "sigma"])
+def test_a_column_that_is_empty_in_all_rows_holds_nothing(name: str, tmp_path: Path) -> None:
+    raw, plan = files(tmp_path, "P8;lost;lost;lost")
+    lines = raw.read_text().splitlines()
+    if name == "mz":
+        lines = [line.rsplit(";", 1)[0] for line in lines]
+    raw.write_text("\n".join([f"{lines[0]};{name}", *(f"{line};" for line in lines[1:])]))
+    given = {"mx": "X", "my": "Y"}
+    result = import_survey(raw, MILL, commands=plan, columns=given if name == "mz" else {})
+    assert len(result.survey) == 19
