@@ -69,11 +69,13 @@ def clock_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
 
 def _in_step_with_time(time: Array, path: Mapping[str, Array]) -> Iterator[str]:
     """A note on joints that went through their travel once, while the hours passed."""
+    known = np.isfinite(time)  # a file beside others may have none
+    time, path = time[known], {name: q[known] for name, q in path.items()}
     if len(time) < _ROWS or (duration := float(np.ptp(time))) < _DRIFTS:
         return
     first, last = time <= time.min() + duration / 5, time >= time.max() - duration / 5
     for name, q in path.items():
-        follows = float(np.corrcoef(time, q)[0, 1]) ** 2
+        follows = float(np.corrcoef(time, q)[0, 1]) ** 2 if np.ptp(q) > 0 else 0.0
         again = q[first].max() >= q[last].min() and q[last].max() >= q[first].min()
         if follows > _FOLLOWS and not again:
             yield (

@@ -79,3 +79,8 @@ def test_a_position_that_follows_the_time_is_noted() -> None:
     again = _by_levels(10000.0)
     again.loc[ROWS - 20 :, "Z"] = again["Z"].iloc[0]
     assert not list(clock_notes(again, MILL))
+    partly = _by_levels(10000.0)
+    partly.loc[: ROWS // 5 - 1, "time"] = np.nan  # a file without times beside one with them
+    assert len(list(clock_notes(partly, MILL))) == 1
+    partly["Z"] = partly["Z"].where(partly["time"].isna(), 100.0)
+    assert not list(clock_notes(partly, MILL))
