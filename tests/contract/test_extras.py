@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from errormodel.extras import EXTRAS, optional
-from tests.helpers.commands import MILL, fitted_mill, tree, write
+from tests.helpers.commands import MILL, Fill, tree, write
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -49,8 +49,8 @@ def test_every_extra_is_one_of_the_project() -> None:
         assert name in listed or (name == "xarray" and "xarray" in listed)
 
 
-def test_results_are_the_same_without_extras(tmp_path: Path) -> None:
-    fitted_mill(tmp_path)
+def test_results_are_the_same_without_extras(with_mill: Fill, tmp_path: Path) -> None:
+    with_mill(tmp_path)
     here = tree(tmp_path / "fit")
     (tmp_path / "w").mkdir()
     ended = without("fit", MILL, "../s.csv", "--out", "fit", place=tmp_path / "w")

@@ -6,7 +6,9 @@ import ast
 import importlib
 import importlib.util
 from collections.abc import Iterator, Mapping
+from itertools import accumulate
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -47,7 +49,9 @@ def is_type_checking(node: ast.AST) -> bool:
 def statements(tree: ast.AST, functions: bool = True) -> Iterator[ast.AST]:
     """All nodes of a module but those for type checkers; without `functions` those that run when it is imported."""
     for node in ast.iter_child_nodes(tree):
-        if is_type_checking(node) or (isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and not functions):
+        if isinstance(node, ast.expr) or is_type_checking(node):  # no expression holds a statement
+            continue
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and not functions:
             continue
         yield node
         yield from statements(node, functions)
@@ -64,24 +68,33 @@ def imported(tree: ast.AST, functions: bool = True) -> Iterator[tuple[str, str]]
             yield from ((node.module, alias.name) for alias in node.names)
 
 
-def modules(root: Path, packages: tuple[str, ...]) -> dict[str, ast.Module]:
-    """Every module of the packages by its name."""
+class Imports(NamedTuple):
+    """Of a module: module and name of each, in functions too, and of those that run when it is imported."""
+
+    anywhere: set[tuple[str, str]]
+    at_once: set[tuple[str, str]]
+
+
+def modules(root: Path, packages: tuple[str, ...]) -> dict[str, Imports]:
+    """Every module of the packages by its name; its syntax is not kept."""
     found = {}
     for file in sorted(f for package in packages for f in (root / package).rglob("*.py")):
         parts = file.relative_to(root).with_suffix("").parts
-        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = ast.parse(file.read_text(encoding="utf-8"))
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        found[name] = Imports({*imported(tree)}, {*imported(tree, functions=False)})
     return found
 
 
-def graph(trees: Mapping[str, ast.Module]) -> dict[str, set[str]]:
+def graph(imports: Mapping[str, Imports]) -> dict[str, set[str]]:
     """For each module those that it needs; a package counts as a whole only where its own names are imported."""
-    packages = {name for name in trees if any(other.startswith(f"{name}.") for other in trees)}
+    packages = {above for name in imports for above in accumulate(name.split(".")[:-1], "{}.{}".format)} & {*imports}
 
-    def needed(name: str, functions: bool) -> set[str]:
+    def needed(name: str, given: set[tuple[str, str]]) -> set[str]:
         out = set()
-        for module, word in imported(trees[name], functions):
-            target = f"{module}.{word}" if f"{module}.{word}" in trees else module
-            if target not in trees:
+        for module, word in given:
+            target = f"{module}.{word}" if f"{module}.{word}" in imports else module
+            if target not in imports:
                 continue
             out.add(target)
             above = target.split(".")
@@ -91,8 +104,8 @@ def graph(trees: Mapping[str, ast.Module]) -> dict[str, set[str]]:
                     out.add(package + BODY)
         return out - {name}
 
-    edges = {name: needed(name, functions=True) for name in trees}
-    return edges | {name + BODY: needed(name, functions=False) for name in packages}
+    edges = {name: needed(name, own.anywhere) for name, own in imports.items()}
+    return edges | {name + BODY: needed(name, imports[name].at_once) for name in packages}
 
 
 def circle(edges: Mapping[str, set[str]]) -> list[str]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from errormodel import machine_file as schema
@@ -127,6 +127,7 @@ def machines(draw: st.DrawFn) -> Machine:
     return Machine(draw(texts), tuple(elements), draw(vectors), tuple(effects), notes=draw(texts))
 
 
+@settings(max_examples=50)
 @given(machine=machines())
 def test_any_machine_reads_back_the_same(machine: Machine):
     again = read(schema.machine_text(machine))

@@ -20,7 +20,7 @@ from errormodel.exceptions import InputError
 from errormodel.files import sha256, write_bytes_atomic
 from identification.results import results_folder, store
 from identification.results.results_folder import ResultsFolder
-from tests.helpers.commands import MILL, done, fitted_mill, run, tree, write
+from tests.helpers.commands import MILL, Fill, done, run, tree, write
 from tests.helpers.nightly import first_of
 from tests.helpers.windows_rules import obey
 
@@ -31,9 +31,9 @@ WINDOWS = pytest.param(
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(with_mill: Fill, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """``s.csv fit/`` and, of another survey, ``other.csv other/``."""
-    folder = fitted_mill(tmp_path_factory.mktemp("made"))
+    folder = with_mill(tmp_path_factory.mktemp("made"))
     done("simulate", MILL, 60, "--noise", 0.002, "--seed", 7, "--out", folder / "other.csv")
     done("fit", MILL, folder / "other.csv", "--out", folder / "other")
     return folder
@@ -385,9 +385,9 @@ def test_a_failed_report_leaves_the_old_results(place: Path, monkeypatch: pytest
     assert tree(place) == before
 
 
-def test_what_was_replaced_is_said(tmp_path: Path) -> None:
+def test_what_was_replaced_is_said(with_mill: Fill, tmp_path: Path) -> None:
     """Tables of another controller, and a diagnosis that a fit takes the place of."""
-    fitted_mill(tmp_path)
+    with_mill(tmp_path)
     tables = ("compensate", tmp_path / "fit", "--points", 5, "--out", tmp_path / "t", "--controller")
     assert "replaced" not in done(*tables, "linuxcnc-type0").err
     assert "replaced" not in done(*tables, "linuxcnc-type0").err

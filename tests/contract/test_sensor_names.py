@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from errormodel import channels as features
@@ -21,7 +21,6 @@ from errormodel.truth import Truth
 from errormodel.yamlfile import parse
 from identification.results.description import describe
 from tests.helpers.commands import MILL, XYZ, done
-from tests.helpers.nightly import first_of
 
 ODD = ("T_bed(1)", "T_bed, left", "T_Öl (vorne), 2 – lag(T_x,5)", "T_a − b")
 SENSORS = (
@@ -61,6 +60,7 @@ def test_described_by_random_poses(name: str) -> None:
     assert any("structure-drift" in i for i in describe(drifting(name)).chain.ids)
 
 
+@settings(max_examples=50)
 @given(name=SENSORS)
 def test_any_name_is_read_from_a_table(name: str, tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.mktemp("names") / "s.csv"
@@ -69,7 +69,8 @@ def test_any_name_is_read_from_a_table(name: str, tmp_path_factory: pytest.TempP
     assert read_survey(path, machine, measured=False).table[name].eq(20.5).all()
 
 
-@pytest.mark.parametrize("name", first_of([ODD[1], ODD[3]]))
+@pytest.mark.long
+@pytest.mark.parametrize("name", [ODD[1], ODD[3]])
 def test_a_lagged_drift_is_found_and_used(name: str, tmp_path: Path) -> None:
     """A member that follows a sensor late: found, written into machine.yaml, fitted again, predicted, compensated."""
     machine, rows = drifting(name), 200

@@ -351,7 +351,7 @@ def expected_direction(positions: list[int]) -> list[float]:
     return result
 
 
-@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.integers(-3, 3), min_size=1, max_size=12), st.randoms(use_true_random=False))
 def test_direction(tmp_path: Path, positions: list[int], random):
     frame = pd.DataFrame({"X": positions})
@@ -380,7 +380,7 @@ def test_direction_starts_anew_in_each_file(tmp_path: Path):
 # ---- files
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False, min_value=-1e7, max_value=1e7), min_size=1))
 def test_floats_round_trip(tmp_path: Path, floats: list[float]):
     assume(not any({*repr(abs(v)).rstrip("0")} <= {*"9."} for v in floats))  # which stand for missing values

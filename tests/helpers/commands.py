@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from identification.command_line.main import main
 FIVE = "five_axis_table_quill"
 MILL = "vertical_three_axis"
 XYZ = ["mx", "my", "mz"]
+Fill = Callable[[Path], Path]  # puts something into a folder, and returns it
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,8 @@ class Source(NamedTuple):
 @cache
 def source(path: Path) -> Source:
     silent: set[int] = set()
-    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    known = (ast.Constant, ast.Expr, ast.AnnAssign, ast.ImportFrom)
+    nodes = [node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if type(node) in known]
     for node in nodes:
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             silent.add(id(node.value))

@@ -15,6 +15,7 @@ from errormodel.machine_file import read_machine
 from errormodel.survey import Survey, read_survey
 from identification.diagnosis.pipeline import diagnose
 from tests.helpers.commands import done
+from tests.helpers.nightly import first_of
 
 FIT_KEYS = {"parameters", "frame", "nominal", "fitted", "test", "sigma_um", "dof", "reduced_chi2"}
 SPREAD = {"rms_um", "mean_um", "max_um", "n"}
@@ -92,7 +93,7 @@ def test_the_arm_predicts_what_was_measured(arm: tuple[dict[str, Any], Path], re
     pd.testing.assert_frame_equal(predicted[angles], measured[angles], rtol=1e-12)  # degrees in, degrees out
 
 
-@pytest.mark.parametrize("frame", ["shared", "fixed", "per-file"])
+@pytest.mark.parametrize("frame", first_of(["shared", "fixed", "per-file"]))
 def test_a_switch_measures_one_component(printers: Path, tmp_path: Path, frame: str) -> None:
     """Only mz is measured: what stays of the frame is a height, the rest is neither estimated nor missed."""
     survey = survey_yaml(tmp_path, printers, "homing_a.csv", "homing_b.csv", f"frame: {frame}")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.helpers.commands import MILL, fitted_mill, run, tree, write
+from tests.helpers.commands import MILL, Fill, run, tree, write
 
 Content = str | bytes | Callable[[str], str]
 FIT = ("fit", MILL, "s.csv", "--out", "out")
@@ -227,8 +227,8 @@ CASES: dict[str, Case] = (
 
 
 @pytest.fixture(scope="module")
-def mill(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return fitted_mill(tmp_path_factory.mktemp("mill"))
+def mill(with_mill: Fill, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return with_mill(tmp_path_factory.mktemp("mill"))
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
-from tests.helpers.commands import fitted_mill, run, tree, write
+from tests.helpers.commands import Fill, run, tree, write
 
 Change = Callable[[dict[str, Any]], object]
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return fitted_mill(tmp_path_factory.mktemp("made"))
+def made(with_mill: Fill, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return with_mill(tmp_path_factory.mktemp("made"))
 
 
 @pytest.fixture

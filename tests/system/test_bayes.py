@@ -30,7 +30,7 @@ from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit, residuals_of
 from tests.benchmarks.bayes_coverage import WAVE, machine, trial
 from tests.helpers.chains import Array, errors
-from tests.helpers.commands import MILL, done, fitted_mill, run, write
+from tests.helpers.commands import MILL, Fill, done, run, write
 from tests.helpers.surveys import measured, positions, survey
 
 XYZ = ["mx", "my", "mz"]
@@ -261,11 +261,11 @@ def test_arviz_reads_the_draws(tmp_path: Path):
 
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="files of limited size stand for a full disk: POSIX")
-def test_a_disk_that_is_full_before_the_draws_are_written(tmp_path: Path):
+def test_a_disk_that_is_full_before_the_draws_are_written(with_mill: Fill, tmp_path: Path):
     """HDF5 itself ends the process with a segmentation fault."""
     import resource
 
-    fitted_mill(tmp_path)
+    with_mill(tmp_path)
     most = 500_000  # of 3 MB of draws, larger than all that is written before
     words = ["fit", str(MILL), "s.csv", "--bayes", "--out", "drawn", "--quiet"]
     ended = subprocess.run(

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from errormodel.chain import Chain
 from errormodel.machine_file import read_machine, write_machine
-from tests.helpers.commands import FIVE, MILL, XYZ, done, fitted_mill, run, tree, write
+from tests.helpers.commands import FIVE, MILL, XYZ, Fill, done, run, tree, write
 
 ROOT = Path(__file__).resolve().parents[2]
 TRUTH = """
@@ -35,8 +35,8 @@ def trip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def mill(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return fitted_mill(tmp_path_factory.mktemp("mill"))
+def mill(with_mill: Fill, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return with_mill(tmp_path_factory.mktemp("mill"))
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import pytest
 
 from errormodel.machine_file import read_machine, write_machine
 from identification.command_line.main import app
-from tests.helpers.commands import FIVE, MILL, done, fitted_mill, tree, write
+from tests.helpers.commands import FIVE, MILL, Fill, done, tree, write
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -25,8 +25,8 @@ def process(*arguments: object, **environment: str) -> subprocess.CompletedProce
 
 
 @pytest.fixture(scope="module")
-def mill(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return fitted_mill(tmp_path_factory.mktemp("mill"))
+def mill(with_mill: Fill, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return with_mill(tmp_path_factory.mktemp("mill"))
 
 
 @pytest.mark.parametrize("form", ["bare", "yaml", "parts", "parquet", "folder"])

@@ -23,16 +23,17 @@ from identification.compensation.field import Field
 from identification.estimation.fit import fit_machine
 from identification.results.store import save
 from tests.helpers.chains import Array, errors
-from tests.helpers.commands import MILL, done, fitted_mill, run, tree, write
+from tests.helpers.commands import MILL, Fill, done, run, tree, write
 from tests.helpers.compensation import UM, field_of, tables_of, volume_of
+from tests.helpers.nightly import first_of
 from tests.helpers.surveys import measured, positions, survey
 
 pytestmark = pytest.mark.usefixtures("few_poses")
 
 
 @pytest.fixture(scope="module")
-def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return fitted_mill(tmp_path_factory.mktemp("mill"))
+def fitted(with_mill: Fill, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return with_mill(tmp_path_factory.mktemp("mill"))
 
 
 def test_a_machine_turned_round_has_its_errors_in_the_controllers_axes() -> None:
@@ -81,7 +82,7 @@ def warmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "fit"
 
 
-@pytest.mark.parametrize("name", ["siemens-lec", "siemens-cec", "isg"])
+@pytest.mark.parametrize("name", first_of(["siemens-lec", "isg", "siemens-cec"], 2))
 def test_the_controllers_own_temperature_compensation_takes_the_place_of_tables(
     name: str, warmed: Path, tmp_path: Path
 ) -> None:
@@ -341,9 +342,9 @@ def test_a_programme_is_corrected_checked_and_what_was_found_is_said(fitted: Pat
 
 
 @pytest.mark.parametrize("name", ["checklist.txt", "compensation.json", "Manifest.json"])
-def test_a_programme_with_the_name_of_an_own_file_is_refused(tmp_path: Path, name: str) -> None:
+def test_a_programme_with_the_name_of_an_own_file_is_refused(with_mill: Fill, tmp_path: Path, name: str) -> None:
     """It would be replaced by that file."""
-    folder = fitted_mill(tmp_path)
+    folder = with_mill(tmp_path)
     (tmp_path / name).write_text("G0 X0 Y0 Z0\n")
     ask = ("compensate", folder / "fit", "--controller", "gcode", "--program", tmp_path / name, "--out", tmp_path / "o")
     refused = run(*ask)

@@ -20,6 +20,7 @@ from identification.results.predictions import predicted
 from identification.runtime.progress import silent
 from tests.helpers.commands import XYZ
 from tests.helpers.diagnosed import empty_survey, showing
+from tests.helpers.nightly import first_of
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +53,7 @@ def on_lines(machine: Machine, survey: Survey, clock: bool) -> Survey:
     return replace(survey, table=table if clock else table.drop(columns="time"))
 
 
-@pytest.mark.parametrize("clock", [True, False])
+@pytest.mark.parametrize("clock", first_of([False, True]))
 def test_a_lag_has_the_share_of_its_joint_in_the_feed(machine: Machine, clock: bool) -> None:
     survey = on_lines(machine, empty_survey(machine, 240, 5, channels=False, grid=False), clock)
     spec = EffectSpec("servo-lag", {"joint": "X", "speed": "path"})

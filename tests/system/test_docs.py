@@ -42,7 +42,13 @@ def reader() -> Iterator[Interpreter]:
         yield started
 
 
-@pytest.mark.parametrize("snippet", [pytest.param(text, id=name) for name, text in snippets()])
+@pytest.mark.parametrize(
+    "snippet",
+    [
+        pytest.param(text, id=name, marks=[pytest.mark.long] if name.startswith("fleets.md") else [])
+        for name, text in snippets()
+    ],
+)
 def test_python_of_the_pages_runs(snippet: str, reader: Interpreter, tmp_path: Path) -> None:
     reader.python(snippet, tmp_path)
 

@@ -18,7 +18,7 @@ from identification import diagnose, explain
 from identification.diagnosis.decisions.fates import FOUND, NAMELESS, History
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.search.candidates import TIE
-from tests.helpers.commands import MILL, Done, done, fitted_mill, run
+from tests.helpers.commands import MILL, Done, Fill, done, run
 from tests.helpers.interferometer import MILL as SMALL_MILL
 from tests.helpers.interferometer import positioning, written
 
@@ -138,9 +138,13 @@ def test_joints_that_were_diagnosed_by_themselves_are_told_apart(tmp_path: Path)
 # ---- the files
 
 
-def test_the_log_is_in_the_manifest_and_the_same_from_run_to_run(gantry: Path, tmp_path: Path) -> None:
+def test_the_log_is_in_the_manifest(gantry: Path) -> None:
     assert "decisions.csv" in json.loads((gantry / "manifest.json").read_text())["files"]
     done("verify", gantry)
+
+
+@pytest.mark.long
+def test_the_log_is_the_same_from_run_to_run(gantry: Path, tmp_path: Path) -> None:
     done("diagnose", GANTRY / "machine.yaml", GANTRY / "survey.csv", "--out", tmp_path / "again")
     for name in ("decisions.csv", "diagnosis.json"):
         assert (tmp_path / "again" / name).read_bytes() == (gantry / name).read_bytes()
@@ -218,8 +222,8 @@ def test_what_is_not_known_is_refused(gantry: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "x.txt").exists()
 
 
-def test_a_folder_without_a_decision_log_is_refused(gantry: Path, tmp_path: Path) -> None:
-    fitted_mill(tmp_path)
+def test_a_folder_without_a_decision_log_is_refused(with_mill: Fill, gantry: Path, tmp_path: Path) -> None:
+    with_mill(tmp_path)
     refused(run("explain", tmp_path / "fit"), "the results of `errormodel fit`, and no diagnosis")
     old = tmp_path / "old"
     shutil.copytree(gantry, old)

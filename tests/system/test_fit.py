@@ -17,6 +17,7 @@ from identification.estimation.result import Fit
 from identification.results.store import load, save
 from identification.uncertainty.prediction import predict
 from tests.helpers.chains import Array, errors
+from tests.helpers.nightly import first_of
 from tests.helpers.surveys import FAR, TURNED, measured, positions, prediction_error, stored, survey
 
 MACHINES = sorted(library())
@@ -29,7 +30,7 @@ def tools(machine: Machine) -> tuple[tuple[float, float, float], ...]:
     return (x, y, z), (x + 30, y - 20, z - 123)
 
 
-@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("name", first_of(MACHINES, 5))
 def test_every_machine_is_recovered(name: str) -> None:
     """Errors of 10 um and 20 urad, two tools, a tracker that stands askew 2 m away."""
     machine = read_machine(name)

@@ -78,6 +78,11 @@ def test_tables_agree_with_the_parts(made: Path) -> None:
     for table in ("machines", "surveys", "parameters", "normal", "standing", "common"):
         assert len(pd.read_csv(made / f"out/{table}.csv")) == len(pd.read_parquet(made / f"out/{table}.parquet")) > 0
     done("verify", made / "out")
+
+
+@pytest.mark.long
+@pytest.mark.every_figure
+def test_a_fleet_is_made_anew(made: Path) -> None:
     done("rerun", made / "out", "--inputs", made)
 
 

@@ -20,6 +20,7 @@ from identification.results.store import as_json, save
 from identification.uncertainty.further_poses import leverages
 from tests.helpers.chains import Array, errors
 from tests.helpers.motions import motion_rows
+from tests.helpers.nightly import first_of
 from tests.helpers.surveys import measured, positions, survey
 
 MACHINE = read_machine("horizontal_three_axis")
@@ -107,7 +108,7 @@ def mixed(seed: int, noises: dict[str, float], stated: bool) -> Array:
     return np.asarray(z[alone])
 
 
-@pytest.mark.parametrize("stated", [True, False])
+@pytest.mark.parametrize("stated", first_of([False, True]))
 def test_error_motions_with_their_own_noises(stated: bool) -> None:
     """Interferometer, level and tracker in one fit, each at its noise, stated or found: two sigma hold the truth."""
     noises = {"dx": 3e-4, "eb": 2e-6, "ec": 2e-6}

@@ -196,7 +196,7 @@ BOTH_SIDES = ("linuxcnc-type0", "linuxcnc-type1", "siemens-cec", "twincat-nc")
 ONE = ("aerotech-1d", "csv", "fanuc-pitch", "heidenhain", "isg", "pmac", "siemens-lec")
 
 
-@pytest.mark.parametrize("name", first_of([*BOTH_SIDES, *ONE], 4))
+@pytest.mark.parametrize("name", first_of([*BOTH_SIDES, *ONE], 2))
 def test_pitch_tables_from_an_interferometer(tmp_path: Path, mill: Path, name: str):
     """To the noise where tables know the sides; where they do not, to half of the backlash."""
     folder = fitted(tmp_path, mill, positioning(4), "effects: [{effect: backlash, joint: X}]\n")

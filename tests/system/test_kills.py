@@ -20,7 +20,7 @@ from errormodel import files
 from errormodel.files import clear_parts, replacing
 from identification.monitoring.history import History
 from identification.results.output_file import OutputFile
-from tests.helpers.commands import FIVE, MILL, done, fitted_mill, run, tree, write
+from tests.helpers.commands import FIVE, MILL, Fill, done, run, tree, write
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -69,9 +69,9 @@ FAILING = {
 
 
 @pytest.fixture(scope="module")
-def watched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def watched(with_mill: Fill, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A fit with one cycle and its pages, and the survey of another."""
-    folder = fitted_mill(tmp_path_factory.mktemp("watched"))
+    folder = with_mill(tmp_path_factory.mktemp("watched"))
     done("monitor", folder / "fit", folder / "s.csv")
     done("simulate", MILL, 60, "--noise", 0.002, "--seed", 2, "--out", folder / "next.csv")
     done("describe", MILL, "--json", folder / "d.json", "--drawing", folder / "d.svg")

@@ -15,6 +15,7 @@ from errormodel.location_errors import location_of, named
 from errormodel.machine import Joint, Machine
 from errormodel.machine_file import read_machine
 from tests.helpers.commands import FIVE, MILL, done, run
+from tests.helpers.nightly import first_of
 
 
 def tip(chain: Chain, values: dict[str, float], **position: float) -> Array:
@@ -44,7 +45,7 @@ SIGNS = {  # ISO 230-1: a positive rotation of the second axis about the third m
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("machine", [MILL, "horizontal_three_axis", "bridge_cmm", FIVE])
+@pytest.mark.parametrize("machine", first_of([MILL, "bridge_cmm", "horizontal_three_axis", FIVE], 2))
 @pytest.mark.parametrize(("first", "second", "about"), SIGNS)
 def test_squareness_is_the_angle_between_the_paths(machine: str, first: str, second: str, about: str):
     """Each shape's rotation changes the angle between two paths of the tip by what its coefficient says."""

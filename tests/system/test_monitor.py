@@ -23,7 +23,7 @@ from identification.monitoring.control_limits import USEFUL_CYCLES
 from identification.monitoring.history import Record, opened
 from identification.monitoring.quantities import NOISE_ID, Cycle, measured, watched
 from identification.results import store
-from tests.helpers.commands import MILL, Done, done, fitted_mill, run, tree
+from tests.helpers.commands import MILL, Done, Fill, done, run, tree
 from tests.helpers.pages import Page
 
 GANTRY = """errormodel: 1
@@ -170,12 +170,12 @@ def test_one_more_failure_leaves_history_and_pages_as_they_were(folder, monkeypa
 # what is watched
 
 
-def test_a_cycle_with_other_poses_and_another_frame_shows_the_same_groups(tmp_path):
+def test_a_cycle_with_other_poses_and_another_frame_shows_the_same_groups(with_mill: Fill, tmp_path: Path):
     (tmp_path / "truth.yaml").write_text(
         "parameters: {X.dx.1: 0.03, Y.ea.1: 60e-6, saddle.ec: -60e-6, column.ea: 45e-6}\n"
         "frame: {translation: [1850, -420, 300], rotation: [0, 0, 40]}\n"
     )
-    fitted_mill(tmp_path)
+    with_mill(tmp_path)
     how = ("--parameters", tmp_path / "truth.yaml", "--noise", 0.0005, "--seed", 7, "--out", tmp_path / "c.csv")
     done("simulate", MILL, 80, *how)
     kept = store.load(tmp_path / "fit")
@@ -360,9 +360,9 @@ def test_a_wrong_cycle_is_refused_and_nothing_is_written(folder, change, said):
     assert tree(folder) == before
 
 
-def test_a_survey_of_another_machine_is_refused(tmp_path):
+def test_a_survey_of_another_machine_is_refused(with_mill: Fill, tmp_path: Path):
     """One whose joints are called the same, but which goes elsewhere; and one with swapped columns."""
-    fitted_mill(tmp_path)
+    with_mill(tmp_path)
     before = tree(tmp_path / "fit")
     other = (tmp_path / "fit" / "machine.yaml").read_text()
     machine = read_machine(tmp_path / "fit" / "machine.yaml")

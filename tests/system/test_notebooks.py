@@ -10,7 +10,7 @@ import pytest
 from tests.helpers.interpreter import Interpreter, interpreter
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[2] / "notebooks").glob("*.py"))
-OFTEN = ("00_demonstration_data", "01_first_fit")  # the others take half a minute and more
+OFTEN = ("01_first_fit",)  # most of the others take half a minute and more
 PROGRAM = "import runpy, sys; sys.argv = [{0!r}]; runpy.run_path({0!r}, run_name='__main__')"
 AFTERWARDS = "from matplotlib import pyplot; pyplot.close('all')"
 

@@ -312,9 +312,14 @@ def test_the_command_writes_points_that_the_others_read(tmp_path: Path) -> None:
     done("simulate", MILL, tmp_path / "p.csv", "--noise", 0.002, "--out", tmp_path / "m.csv")
     done("fit", MILL, tmp_path / "m.csv", "--out", tmp_path / "fit")
     done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "u.csv")
-    again = ("--out", tmp_path / "q.csv", "--json", tmp_path / "q.json")
-    quiet = done("plan", MILL, "--points", 40, "--setup", setup, "--noise", 0.002, *again, "--quiet")
-    assert (quiet.out, quiet.err) == ("", "")
+
+
+@pytest.mark.long
+def test_the_same_plan_again_in_silence(tmp_path: Path) -> None:
+    for name, words in (("p", ()), ("q", ("--quiet",))):
+        files = ("--out", tmp_path / f"{name}.csv", "--json", tmp_path / f"{name}.json")
+        said = done("plan", MILL, "--points", 40, "--noise", 0.002, *files, *words)
+    assert (said.out, said.err) == ("", "")
     for kind in ("csv", "json"):
         assert (tmp_path / f"p.{kind}").read_bytes() == (tmp_path / f"q.{kind}").read_bytes()
 

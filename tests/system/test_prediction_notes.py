@@ -10,14 +10,14 @@ import pytest
 
 from errormodel.chain import Chain
 from errormodel.machine_file import read_machine
-from tests.helpers.commands import MILL, XYZ, done, fitted_mill, write
+from tests.helpers.commands import MILL, XYZ, Fill, done, write
 
 E = ["ex", "ey", "ez"]
 
 
 @pytest.fixture(scope="module")
-def mill(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return fitted_mill(tmp_path_factory.mktemp("mill"))
+def mill(with_mill: Fill, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return with_mill(tmp_path_factory.mktemp("mill"))
 
 
 def _mill_with(folder: Path, effects: str) -> Path:

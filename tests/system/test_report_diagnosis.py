@@ -64,7 +64,7 @@ def grown(word: str) -> tuple[EffectModel, Fit, dict[str, float]]:
     return EffectModel(linear, linear.with_effect(effect), (step,)), fit_machine(machine, survey), truth
 
 
-@pytest.mark.parametrize("word", first_of(MOVING, 8))
+@pytest.mark.parametrize("word", first_of(MOVING, 4))
 def test_every_effect_can_be_drawn(word: str) -> None:
     model, fit, _ = grown(word)
     evidence = evidence_of(model, model.findings[0])

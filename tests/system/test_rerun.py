@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 
 from errormodel.files import sha256
-from tests.helpers.commands import MILL, done, fitted_mill, run, tree, write
+from tests.helpers.commands import MILL, Fill, done, run, tree, write
 
 pytestmark = pytest.mark.every_figure
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return fitted_mill(tmp_path_factory.mktemp("made"))
+def made(with_mill: Fill, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return with_mill(tmp_path_factory.mktemp("made"))
 
 
 @pytest.fixture

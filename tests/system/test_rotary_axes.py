@@ -17,7 +17,7 @@ from identification.compensation.rotary_axes import described, lines_of
 from identification.compensation.volume import Volume
 from identification.estimation.fit import fit_machine
 from identification.results.store import save
-from tests.helpers.commands import done, fitted_mill, run
+from tests.helpers.commands import Fill, done, run
 from tests.helpers.compensation import UM, volume_of
 from tests.helpers.surveys import measured, positions, survey
 
@@ -89,8 +89,8 @@ def test_what_the_description_takes_is_nothing_for_the_tables(tmp_path: Path) ->
     assert "19700 to 19702 (position of the rotary table)" in (tmp_path / "f/kinematics.txt").read_text()
 
 
-def test_a_machine_without_rotary_axes_has_nothing_to_describe(tmp_path: Path) -> None:
-    fitted_mill(tmp_path)
+def test_a_machine_without_rotary_axes_has_nothing_to_describe(with_mill: Fill, tmp_path: Path) -> None:
+    with_mill(tmp_path)
     result = run("compensate", tmp_path / "fit", "--controller", "csv", "--out", tmp_path / "o", "--kinematics")
     assert result.code == 2
     assert "no rotary joint moved" in result.err

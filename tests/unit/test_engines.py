@@ -12,6 +12,7 @@ import pytest
 
 from errormodel.exceptions import InputError
 from identification.runtime.engines import Crew, WorkerDiedError
+from tests.helpers.nightly import first_of
 
 CREWS = [Crew("local", 1), Crew("local", 2), Crew("dask", 2)]
 # Dask's own clean-up, of sockets and tasks that its loop had not ended when the cluster closed
@@ -42,7 +43,7 @@ def results(crew: Crew, jobs: list[tuple[str, int, str]]) -> dict[int, Any]:
     return done
 
 
-@pytest.mark.parametrize("crew", CREWS, ids=lambda c: f"{c.engine}-{c.workers}")
+@pytest.mark.parametrize("crew", first_of(CREWS, 2), ids=lambda c: f"{c.engine}-{c.workers}")
 def test_every_job_has_its_result_and_a_failure_stops_no_other(crew: Crew) -> None:
     done = results(crew, [("fails" if k == 3 else "", k, "") for k in range(9)])
     assert {k: v for k, v in done.items() if k != 3} == {k: k**2 for k in range(9) if k != 3}

@@ -132,7 +132,7 @@ def scaled(machine: Machine, factor: float) -> Machine:
     return replace(machine, elements=tuple(element(e) for e in machine.elements), tool=times(machine.tool))
 
 
-@settings(max_examples=12)
+@settings(max_examples=6)
 @given(machines(most_joints=4), st.integers(0, 99))
 def test_order_weights_units_and_frame_change_nothing(machine: Machine, seed: int) -> None:
     chain, rng = Chain(machine), np.random.default_rng(seed)
@@ -188,7 +188,7 @@ def test_combinations_of_the_library(name: str) -> None:
     check_combinations(chain, describe(chain.machine).groups, seed=11)
 
 
-@settings(max_examples=12)
+@settings(max_examples=6)
 @given(machines(most_joints=4))
 def test_combinations_of_any_machine(machine: Machine) -> None:
     chain = Chain(machine)
