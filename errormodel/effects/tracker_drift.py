@@ -18,11 +18,6 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import each_motion, settling, start_of
 from errormodel.machine import Machine
 
-# log prior odds, 100 to 1, against it: a stand that drifts turns, too, and what only moves is as well a member that
-# grows. Of 15 recordings by six authors in which a drift of the frame was the likeliest, a member explained as much
-# (within a decade) in four, and was the cause of all four; in the other 11, of which ten were drifts, a hundredth.
-ONLY_MOVES = 4.6
-
 
 class TrackerDrift(Effect):
     """Six motions of the measuring frame (mm, rad): linear in time over `duration`, or settling with `tau`.
@@ -53,10 +48,6 @@ class TrackerDrift(Effect):
     @property
     def drivers(self) -> tuple[str, ...]:
         return ("time",)
-
-    def cost(self, scene: Scene) -> float:
-        """Natural logarithm of the prior odds against it: members grow more often than stands move."""
-        return ONLY_MOVES
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         even = (channel("time") - self.start) / self.duration
