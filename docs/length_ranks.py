@@ -54,21 +54,20 @@ def motions(names: list[str]) -> str:
 
 def table() -> Iterator[tuple[str, list[Rank]]]:
     """Rows of the table: a set-up in words, and what it sees of each of `MACHINES`."""
-    machines = [read_machine(name) for name in MACHINES]
-    whole = [_positions(m) for m in machines]
+    chains = [Chain(read_machine(name)) for name in MACHINES]
+    whole = [_positions(c) for c in chains]
     yield "all three coordinates (tracker), frame unknown", [Rank(len(w), []) for w in whole]
     for words, made in CASES.items():
-        yield words, [_rank(m, made(m), w) for m, w in zip(machines, whole, strict=True)]
+        yield words, [_rank(c, made(c), w) for c, w in zip(chains, whole, strict=True)]
 
 
 def _entry(kind: str, **keys: Any) -> Observation:
     return registry()[kind](type=kind, **keys)
 
 
-def _places(machine: Machine) -> Array:
+def _places(chain: Chain) -> Array:
     """Four places around the machine, well apart, (4, 3) mm."""
-    chain = Chain(machine)
-    points = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(_poses(machine, 0))).T
+    points = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(_poses(chain.machine, 0))).T
     middle, half = (points.max(axis=0) + points.min(axis=0)) / 2, np.ptp(points, axis=0).max()
     return np.asarray(
         middle + half * np.array([[1.5, -1.1, -0.6], [-1.4, -1.0, -0.4], [0.2, 1.6, -0.5], [0.3, 0.4, 1.8]])
@@ -82,10 +81,11 @@ def _poses(machine: Machine, seed: int, longer: bool = False) -> pd.DataFrame:
     return poses
 
 
-def _stations(count: int, known: bool = False, longer: bool = False) -> Callable[[Machine], Survey]:
-    def made(machine: Machine) -> Survey:
+def _stations(count: int, known: bool = False, longer: bool = False) -> Callable[[Chain], Survey]:
+    def made(chain: Chain) -> Survey:
+        machine = chain.machine
         entries, parts, values = {}, [], {}
-        for k, place in enumerate(_places(machine)[:count]):
+        for k, place in enumerate(_places(chain)[:count]):
             label = "ABCD"[k]
             keys: dict[str, Any] = (
                 {"station": place.tolist()} if known else {"near": place.tolist(), "dead_path": "unknown"}
@@ -93,24 +93,24 @@ def _stations(count: int, known: bool = False, longer: bool = False) -> Callable
             entries[label] = _entry("station-distance", **keys)
             values[label] = {} if known else dict(zip("xyz", place.tolist(), strict=True))
             parts.append(_poses(machine, 0, longer).assign(observation=label))
-        return _survey(machine, pd.concat(parts, ignore_index=True), entries, "fixed" if known else "shared", values)
+        return _survey(chain, pd.concat(parts, ignore_index=True), entries, "fixed" if known else "shared", values)
 
     return made
 
 
-def _pairs(known: bool = True) -> Callable[[Machine], Survey]:
-    def made(machine: Machine) -> Survey:
+def _pairs(known: bool = True) -> Callable[[Chain], Survey]:
+    def made(chain: Chain) -> Survey:
+        machine = chain.machine
         start = _poses(machine, 1)[[j.name for j in machine.joints]].add_prefix("from_")
         rows = _poses(machine, 0).join(start).assign(observation="bar")
-        return _survey(
-            machine, rows, {"bar": _entry("pose-distance", offset=0.0 if known else "unknown")}, "shared", {}
-        )
+        return _survey(chain, rows, {"bar": _entry("pose-distance", offset=0.0 if known else "unknown")}, "shared", {})
 
     return made
 
 
-def _circles(known: bool) -> Callable[[Machine], Survey]:
-    def made(machine: Machine) -> Survey:
+def _circles(known: bool) -> Callable[[Chain], Survey]:
+    def made(chain: Chain) -> Survey:
+        machine = chain.machine
         axes = [j for j in machine.joints if j.type == "prismatic"]
         middle = _poses(machine, 0).iloc[:1].copy()
         for j in machine.joints:
@@ -125,15 +125,16 @@ def _circles(known: bool) -> Callable[[Machine], Survey]:
             rows[axes[other].name] += radius * np.sin(angle)
             parts.append(rows)
             entries[label] = _entry("ballbar-circle", calibrated=radius if known else "unknown")
-        return _survey(machine, pd.concat(parts, ignore_index=True), entries, "shared", {})
+        return _survey(chain, pd.concat(parts, ignore_index=True), entries, "shared", {})
 
     return made
 
 
-def _lines(directions: Callable[[int], list[Array]]) -> Callable[[Machine], Survey]:
+def _lines(directions: Callable[[int], list[Array]]) -> Callable[[Chain], Survey]:
     """Calibrated lengths from the first pose of lines, along directions in shares of the linear axes' travels."""
 
-    def made(machine: Machine) -> Survey:
+    def made(chain: Chain) -> Survey:
+        machine = chain.machine
         axes = [j for j in machine.joints if j.type == "prismatic"]
         low, high = np.array([j.travel for j in axes]).T
         middle = _poses(machine, 0).iloc[:1].copy()
@@ -148,7 +149,7 @@ def _lines(directions: Callable[[int], list[Array]]) -> Callable[[Machine], Surv
             start[[f"from_{j.name}" for j in axes]] = at[0]
             parts.append(rows.join(start).assign(observation="gauge"))
         entries = {"gauge": _entry("pose-distance", offset=0.0)}
-        return _survey(machine, pd.concat(parts, ignore_index=True), entries, "shared", {})
+        return _survey(chain, pd.concat(parts, ignore_index=True), entries, "shared", {})
 
     return made
 
@@ -169,7 +170,7 @@ def _with_faces(count: int) -> list[Array]:
     return [*_diagonals(count), *faces]
 
 
-CASES: dict[str, Callable[[Machine], Survey]] = {
+CASES: dict[str, Callable[[Chain], Survey]] = {
     "one station, unknown, dead path unknown": _stations(1),
     "two such stations": _stations(2),
     "three such stations": _stations(3),
@@ -187,22 +188,21 @@ CASES: dict[str, Callable[[Machine], Survey]] = {
 }
 
 
-def _survey(machine: Machine, rows: pd.DataFrame, entries: dict[str, Observation], frame: Any, values: Any) -> Survey:
+def _survey(chain: Chain, rows: pd.DataFrame, entries: dict[str, Observation], frame: Any, values: Any) -> Survey:
     """A survey with the readings of the machine without errors."""
     rows = rows.assign(
         mx=np.nan, my=np.nan, mz=np.nan, run="1", file="plan", role="fit", row=np.arange(1, len(rows) + 1)
     )
-    read = readings_at(Chain(machine), rows, entries, Truth({}, set_ups=values), fixed=True)
+    read = readings_at(chain, rows, entries, Truth({}, set_ups=values), fixed=True)
     return Survey(rows.assign(**read), frame, (), Plain(), Path("plan"), observations=entries)
 
 
-def _positions(machine: Machine) -> dict[str, Array]:
+def _positions(chain: Chain) -> dict[str, Array]:
     """Directions of the scaled parameters that positions in an unknown frame show, by names in words."""
-    poses = _poses(machine, 0)
-    chain = Chain(machine)
+    poses = _poses(chain.machine, 0)
     seen = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(poses))
     rows = poses.assign(mx=seen[0], my=seen[1], mz=seen[2], run="1", file="plan", role="fit", row=1)
-    directions = _seen(machine, Survey(rows, "shared", (), Plain(), Path("plan")))
+    directions = _seen(chain, Survey(rows, "shared", (), Plain(), Path("plan")))
     # frames are taken out: groups of what is left, each named after its base parameter
     groups = find_groups(directions, chain.machine_ids, np.ones(directions.shape[1]), range(directions.shape[1]))
     out = {}
@@ -214,19 +214,18 @@ def _positions(machine: Machine) -> dict[str, Array]:
     return out
 
 
-def _rank(machine: Machine, survey: Survey, whole: dict[str, Array]) -> Rank:
-    directions = _seen(machine, survey)
+def _rank(chain: Chain, survey: Survey, whole: dict[str, Array]) -> Rank:
+    directions = _seen(chain, survey)
     unseen = [name for name, row in whole.items() if np.linalg.norm(row - directions.T @ (directions @ row)) > 1e-4]
     return Rank(len(directions), unseen)
 
 
-def _seen(machine: Machine, survey: Survey) -> Array:
+def _seen(chain: Chain, survey: Survey) -> Array:
     """Orthonormal directions (rank, parameters) of the machine's scaled parameters that a survey shows.
 
     Parameters are scaled to what each does to positions over the full travels. What frames and set-ups imitate is taken
     out first.
     """
-    chain = Chain(machine)
     problem = build(chain, survey)
     names, place = problem.unknowns, problem.place()
     own = [place[i] for i in chain.machine_ids]
@@ -235,7 +234,7 @@ def _seen(machine: Machine, survey: Survey) -> Array:
     at = {i: k for k, i in enumerate(chain.machine_ids)}
     whole = PositionView(
         kind="position", chain=chain, ids=chain.machine_ids, columns=chain.machine_ids,
-        rows=chain.columns(_poses(machine, 0).assign(run="1")), whitener=np.ones(POSES), index=np.arange(POSES),
+        rows=chain.columns(_poses(chain.machine, 0).assign(run="1")), whitener=np.ones(POSES), index=np.arange(POSES),
         measured=np.zeros((POSES, 3)),
     )  # fmt: skip
     left = rows[:, own] / full_norms(whole, at)

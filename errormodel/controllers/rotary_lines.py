@@ -23,7 +23,7 @@ class Line:
     at : the point of the axis that is shifted by `shift`, from the tool's tip, mm: a tilt shifts others otherwise.
     spread : changes of shift and tilt (6) by each of some independent causes, of one standard uncertainty. All lines of
         a machine have the same causes, so that differences of lines are known as well as they are; empty: not known.
-    untold : parameters that the survey does not tell from it, and that may move it by more than that.
+    confounded : parameters that the survey does not tell from it, and that may move it by more than that.
     """
 
     axis: str
@@ -33,7 +33,7 @@ class Line:
     side: str
     at: Vector = (0.0, 0.0, 0.0)
     spread: tuple[tuple[float, ...], ...] = ()
-    untold: tuple[str, ...] = ()
+    confounded: tuple[str, ...] = ()
 
     @property
     def slope(self) -> Vector:

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from errormodel.conventions import FRAME, ROTATIONS, Motion
 from errormodel.effects.base import Channels, Effect, EffectTerm
-from errormodel.effects.kinematics import Gravity, apply, lever, places
+from errormodel.effects.kinematics import Gravity, apply, lever, places, weights_behind
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Rotation, across, joint_as
 from errormodel.effects.travel import crossing, legendre, parallel, scaled
@@ -79,17 +79,14 @@ class GroundCompliance(Effect):
     def _by_moment(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         """Tilt by the moments of the weights that a rotary joint swings."""
         joint = joint_as(machine, self.joint, "rotary", self.effect)
-        number, frames = machine.elements.index(joint), places(machine, channel)
-        weights = {"tool": frames[-1]}
-        for k, member in enumerate(machine.elements[number + 1 : -1], start=number + 2):
-            if isinstance(member, Shape) and any(member.offset):
-                weights[member.name] = frames[k]
+        frames = places(machine, channel)
+        names, weights = zip(*weights_behind(machine, joint, frames), strict=True)
         axes: Mapping[Motion, Vector] = {"ea": (1.0, 0.0, 0.0), "eb": (0.0, 1.0, 0.0), "ec": (0.0, 0.0, 1.0)}
         level = [m for m in axes if "xyz"["abc".index(m[1])] != self.gravity[-1]]
-        moments = [{m: lever(axes[m], frames[0], w, self.gravity) for m in level} for w in weights.values()]
+        moments = [{m: lever(axes[m], frames[0], w, self.gravity) for m in level} for w in weights]
         out = [
             EffectTerm(self.element, name, "rad/mm", moment, MOMENT_RAD_MM)
-            for name, moment in zip(weights, moments, strict=True)
+            for name, moment in zip(names, moments, strict=True)
         ]
         uneven = sum(moment[level[0]] for moment in moments) / len(moments)
         out.append(EffectTerm(self.element, "uneven", "rad/mm", {level[0]: uneven}, MOMENT_RAD_MM / 3))

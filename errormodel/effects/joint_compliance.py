@@ -10,7 +10,7 @@ from math import hypot
 from typing import ClassVar
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
-from errormodel.effects.kinematics import Gravity, apply, lever, places
+from errormodel.effects.kinematics import Gravity, apply, lever, places, weights_behind
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import joint_as
 from errormodel.machine import Machine, Shape
@@ -42,20 +42,21 @@ class JointCompliance(JointEffect):
         joint = joint_as(machine, self.joint, "rotary", self.effect)
         number, frames = machine.elements.index(joint), places(machine, channel)
         axis = apply(frames[number].turn, joint.axis)
-        tip = lever(axis, frames[number], frames[-1], self.gravity)
-        out, levers = [EffectTerm(self.joint, "tool", "rad/mm", along(joint, tip), 1e-6, low=0.0)], [tip]
-        for k, member in enumerate(machine.elements[number + 1 : -1], start=number + 2):
-            if isinstance(member, Shape) and any(member.offset):
-                arm = lever(axis, frames[number], frames[k], self.gravity)
-                out.append(EffectTerm(self.joint, member.name, "rad/mm", along(joint, arm), 1e-6, low=0.0))
-                levers.append(arm)
+        names, weights = zip(*weights_behind(machine, joint, frames), strict=True)
+        levers = [lever(axis, frames[number], weight, self.gravity) for weight in weights]
+        out = [
+            EffectTerm(self.joint, name, "rad/mm", along(joint, arm), 1e-6, low=0.0)
+            for name, arm in zip(names, levers, strict=True)
+        ]
         behind = [e for e in machine.elements[number + 1 :] if isinstance(e, Shape)]
         reach = sum(hypot(*e.offset) for e in behind) + hypot(*machine.tool) or 1.0
         mean = sum(levers) / len(levers)
         out.append(EffectTerm(self.joint, "hardening", "rad/mm", along(joint, mean * (mean / reach) ** 2), 1e-6))
         if self.payload:
             out.append(
-                EffectTerm(self.joint, "payload", "rad/(kg mm)", along(joint, tip * channel("load")), 3e-8, low=0.0)
+                EffectTerm(
+                    self.joint, "payload", "rad/(kg mm)", along(joint, levers[0] * channel("load")), 3e-8, low=0.0
+                )
             )
         return out
 

@@ -11,7 +11,7 @@ from typing import Literal
 from errormodel.conventions import TRANSLATIONS
 from errormodel.effects.base import Channels
 from errormodel.effects.ops import Value, cos, sin
-from errormodel.machine import Joint, Machine, Vector
+from errormodel.machine import Joint, Machine, Shape, Vector
 
 Gravity = Literal["x", "-x", "y", "-y", "z", "-z"]  # its direction in the reference's axes
 Triple = tuple[Value, Value, Value]
@@ -46,6 +46,22 @@ def places(machine: Machine, channel: Channels) -> list[Place]:
     tool: Triple = (channel("tool_x"), channel("tool_y"), channel("tool_z"))
     out.append(Place(add(point, apply(turn, tool)), turn))
     return out
+
+
+def weights_behind(machine: Machine, joint: Joint, frames: list[Place]) -> list[tuple[str, Place]]:
+    """Names and places of the weights that a joint carries: the tool, then each member with a length, at its end.
+
+    Parameters
+    ----------
+    frames : as of `places`.
+    """
+    first = machine.elements.index(joint) + 1
+    members = [
+        (member.name, frames[k])
+        for k, member in enumerate(machine.elements[first:-1], start=first + 1)
+        if isinstance(member, Shape) and any(member.offset)
+    ]
+    return [("tool", frames[-1]), *members]
 
 
 def lever(axis: Triple, joint: Place, weight: Place, gravity: Gravity) -> Value:

@@ -64,7 +64,7 @@ def _uncertain(fit: StoredFit, volume: Volume, rows: Rows, parts: Sequence[tuple
     shown = np.zeros((len(rows), 3))
     for factor, tool in parts:
         shown += factor * (field.actual(rows.q, rows.direction, tool) - field.nominal(rows.q, tool))
-    found = unsure_at(fit, field, rows.q, rows.direction, parts)
+    found = sensitivities_at(fit, field, rows.q, rows.direction, parts)
     base = _framed(found.base, frame)
     known = float(np.sum(found.covariance * (base.T @ base)))
     more = float(np.sum(np.square(_framed(found.unseen, frame))))
@@ -72,8 +72,8 @@ def _uncertain(fit: StoredFit, volume: Volume, rows: Rows, parts: Sequence[tuple
 
 
 @dataclass(frozen=True)
-class Unsure:
-    """What is unsure of the errors at n poses, as their changes in mm, (3 n, k): x, y and z of one pose after another.
+class Sensitivities:
+    """Sensitivities of the errors at n poses to parameters, mm, (3 n, k): x, y and z of one pose after another.
 
     Attributes
     ----------
@@ -87,10 +87,10 @@ class Unsure:
     names: tuple[str, ...]
 
 
-def unsure_at(
+def sensitivities_at(
     fit: StoredFit, field: Field, q: Array, direction: Array, parts: Sequence[tuple[float, Array | None]]
-) -> Unsure:
-    """What is unsure of a sum of errors with some tools, each times its factor; None: the machine's own tool."""
+) -> Sensitivities:
+    """Sensitivities of a sum of errors with some tools, each times its factor; None: the machine's own tool."""
     chain = fit.chain
     others = {*chain.tool_ids, *chain.frame_ids, *chain.instrument_ids}
     own = tuple(i for i in chain.ids if i not in others)
@@ -106,7 +106,7 @@ def unsure_at(
             design[[place[fit.base[k]] for k in kept]], np.array([*unseen.values()]).reshape(-1, 3, len(q))
         )
     ]  # fmt: skip
-    return Unsure(flat[0], fit.widened[np.ix_(kept, kept)], flat[1], tuple(unseen))
+    return Sensitivities(flat[0], fit.widened[np.ix_(kept, kept)], flat[1], tuple(unseen))
 
 
 def _framed(flat: Array, frame: Array) -> Array:

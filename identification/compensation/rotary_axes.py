@@ -22,7 +22,7 @@ from errormodel.controllers.axes import directions_at_zero
 from errormodel.controllers.rotary_lines import Line
 from errormodel.controllers.setup import Setup
 from identification.compensation.field import Field
-from identification.compensation.model_uncertainty import unsure_at
+from identification.compensation.model_uncertainty import sensitivities_at
 from identification.compensation.sample import frame_motion
 from identification.compensation.volume import Volume
 from identification.results.stored_fit import StoredFit
@@ -62,7 +62,7 @@ def lines_of(volume: Volume, setup: Setup, tilts: bool = True, fit: StoredFit | 
     found, causes, unseen = solve(errors), np.zeros((design.shape[1], 0)), np.zeros((design.shape[1], 0))
     names: tuple[str, ...] = ()
     if fit is not None:
-        unknown = unsure_at(fit, field, q, came, [(1.0, None)])
+        unknown = sensitivities_at(fit, field, q, came, [(1.0, None)])
         base, unseen, names = solve(unknown.base), solve(unknown.unseen), unknown.names
         values, vectors = np.linalg.eigh(base @ unknown.covariance @ base.T)
         causes = vectors * np.sqrt(np.maximum(values, 0.0))  # round-off of zero may be negative
@@ -74,11 +74,11 @@ def lines_of(volume: Volume, setup: Setup, tilts: bool = True, fit: StoredFit | 
         motion, spread = ways @ found[own], ways @ causes[own]
         std = np.linalg.norm(causes[own], axis=1)[:, None]
         share = np.max(np.abs(unseen[own]) / np.maximum(std, LEAST_STD), axis=0)
-        untold = tuple(names[m] for m in np.argsort(-share, kind="stable") if share[m] > 1)
+        confounded = tuple(names[m] for m in np.argsort(-share, kind="stable") if share[m] > 1)
         axis = next(a for a in setup.axes if a.joint == field.joints[k].name)
         moved_by, turned_by, way = (tuple(v.tolist()) for v in (motion[:3], motion[3:], along[k]))
         each = tuple(map(tuple, spread.T.tolist()))
-        out.append(Line(axis.name, moved_by, turned_by, way, _side(field, k), axis.centre, each, untold))
+        out.append(Line(axis.name, moved_by, turned_by, way, _side(field, k), axis.centre, each, confounded))
     return tuple(out)
 
 
@@ -152,7 +152,7 @@ class Kinematics:
         return self.left_um < WORTH_SHARE * self.before_um
 
 
-def _unsure(one: Line) -> Iterator[str]:
+def _uncertainty_lines(one: Line) -> Iterator[str]:
     """How uncertain the place of an axis is, with one digit more than its place has, and what that leaves out."""
     if not one.spread:
         return
@@ -161,9 +161,9 @@ def _unsure(one: Line) -> Iterator[str]:
     tilt = ", ".join(f"about {a} {1e6 * v:.2f} urad" for a, v in zip("xyz", std[3:], strict=True) if v > 0)
     if shift or tilt:
         yield f"standard uncertainty: {'; '.join(filter(None, (shift, tilt)))}"
-    if one.untold:
-        names = ", ".join(one.untold[:MOST_NAMES])
-        more = f" and {len(one.untold) - MOST_NAMES} more" if len(one.untold) > MOST_NAMES else ""
+    if one.confounded:
+        names = ", ".join(one.confounded[:MOST_NAMES])
+        more = f" and {len(one.confounded) - MOST_NAMES} more" if len(one.confounded) > MOST_NAMES else ""
         yield f"as if these, which the survey does not tell from it, were zero: {names}{more}"
 
 
@@ -196,7 +196,7 @@ def description_text(found: Kinematics, heading: Sequence[str], steps: Sequence[
             lines.append(point)
         lines += [
             part
-            for said in _unsure(one)
+            for said in _uncertainty_lines(one)
             for part in wrap(said, TEXT_WIDTH, initial_indent=INDENT, subsequent_indent=INDENT)
         ]
     lines += [

@@ -21,10 +21,10 @@ def predicted(stored: StoredFit, commands: Survey, progress: Progress = silent) 
     from errormodel.simulation import outward
     from identification.uncertainty.prediction import predict
 
-    machine, commands = stored.chain.machine, in_clock_of(stored, commands)
+    machine, timed = stored.chain.machine, in_clock_of(stored, commands)
     with progress("Predicting"):
-        result = predict(stored, commands)
-    table = commands.table.drop(columns=["file", "role", "row", *result.columns], errors="ignore").join(result)
+        result = predict(stored, timed)
+    table = timed.table.drop(columns=["file", "role", "row", *result.columns], errors="ignore").join(result)
     table = outward(marred(table, machine), machine)  # as the survey has it, mistakes of its columns included
     turns = ("ea", "eb", "ec", "u_ea", "u_eb", "u_ec", "angle", "u_angle")
     table.attrs["units"] = {name: "rad" if name in turns else "mm" for name in result.columns}

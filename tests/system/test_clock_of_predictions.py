@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from identification import load
 from tests.helpers.commands import MILL, XYZ, done, run, write
 
 BEGIN = pd.Timestamp("2026-03-01 10:02:03")
@@ -51,6 +52,8 @@ def test_dates_of_points_go_on_from_those_of_the_survey(folder: Path) -> None:
     np.testing.assert_allclose(got["time"], wanted["time"], atol=1e-3)
     assert said.count("time 0 is 2026-03-01 10:02:03") == 1
     assert json.loads((folder / "dated/fit.json").read_text())["clock_zero"] == "2026-03-01T10:02:03.000000"
+    notes = load(folder / "dated").predict(folder / "late_dated.csv").attrs["notes"]
+    assert sum("time 0 is" in note for note in notes) == 1
     assert "clock_zero" not in json.loads((folder / "seconds/fit.json").read_text())
 
 

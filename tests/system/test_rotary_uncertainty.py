@@ -120,7 +120,7 @@ def test_the_control_reads_what_it_did(lines: tuple[Line, ...], controller: str,
 
 
 def test_what_the_survey_does_not_tell_from_an_axis_is_named(lines: tuple[Line, ...]) -> None:
-    one = Line("C", (0.01, 0, 0), (0, 0, 0), (0, 0, 1), "table", spread=((1e-4,) * 6,), untold=tuple("abcdefgh"))
+    one = Line("C", (0.01, 0, 0), (0, 0, 0), (0, 0, 1), "table", spread=((1e-4,) * 6,), confounded=tuple("abcdefgh"))
     text = written("fanuc-3d", (one,))
     assert "as if these, which the survey does not tell from it, were zero: a, b, c, d, e, f and 2 more" in text
     known = Kinematics((one,), 10.0, 1.0, asked=True).as_json()["lines"][0]
