@@ -5,13 +5,13 @@ No recorded temperature is needed. Units: mm and rad.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise, product
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from errormodel.conventions import MOTIONS, Motion, unit_of
+from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm, along
 from errormodel.effects.ops import Value
 from errormodel.effects.search_space.survey_summary import Scene
@@ -42,8 +42,9 @@ class WarmUp(Effect):
     """``(scale * position + growth) * (1 - exp(-(t - start)/tau))`` along a joint's axis; without a joint, of the tool.
 
     `tau` (s) is the time constant, `start` (s, on the clock of ``time``) the beginning. Positive: longer. With a
-    `motion` that one (mm, rad), or with ``all`` each of the six, grows in Legendre polynomials of the joint's travel
-    (-1 to 1) up to `degree`. An `element` is a member that moves or tilts as a whole in a `motion`, or in ``all`` six.
+    `motion` that one (mm, rad), or with ``all`` each of the six, or the three ``translations``, grows in Legendre
+    polynomials of the joint's travel (-1 to 1) up to `degree`. An `element` is a member that moves or tilts as a whole
+    in a `motion`, in the three ``translations``, as one that only grows, or in ``all`` six.
     In `rests`, from and to a time each (s), the machine stands and it cools as fast. `until` is the end of what was
     recorded, and `step` the longest time between two rows there that was no rest: rows that come later than that after
     it begin after a rest, too.
@@ -60,7 +61,7 @@ class WarmUp(Effect):
     element: str | None = None
     tau: Positive = 1800.0
     start: Annotated[float, FIXED] = 0.0
-    motion: Motion | Literal["all"] | None = None
+    motion: Motion | Literal["all", "translations"] | None = None
     degree: Annotated[int, Field(ge=0, le=8)] = 1
     rests: tuple[tuple[float, float], ...] = ()
     until: Annotated[float | None, FIXED] = None
@@ -99,8 +100,7 @@ class WarmUp(Effect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = self._warm(channel)
         if self.element is not None and self.motion is not None:
-            motions = MOTIONS if self.motion == "all" else (self.motion,)
-            return each_motion(self.element, motions, warm, (0.03, 3e-5))
+            return each_motion(self.element, _motions(self.motion), warm, (0.03, 3e-5))
         if self.joint is None:
             motion = {name: value * warm for name, value in outward(machine).items()}
             return [EffectTerm("tool", "growth", "mm", motion, 0.02)]
@@ -109,7 +109,7 @@ class WarmUp(Effect):
             shapes = polynomials(self.degree, scaled(joint, channel(self.joint)))
             return [
                 EffectTerm(self.joint, str(n), unit_of(motion), {motion: shape * warm}, usual_size(motion))
-                for motion in (MOTIONS if self.motion == "all" else (self.motion,))
+                for motion in _motions(self.motion)
                 for n, shape in enumerate(shapes)
             ]
         return [
@@ -142,6 +142,13 @@ class WarmUp(Effect):
             if scene.all_motions and scene.motions_of in {j.name for j in scene.prismatic}:
                 for tau, degree in product(settling_times(scene), range(4)):
                     yield cls(joint=scene.motions_of, tau=tau, motion="all", degree=degree)
-            motions = (*MOTIONS, "all")
+            # in rows of one joint a member's growth is that of the joint
+            growth = ("translations",) if len(scene.moving) > 1 else ()
+            motions = (*MOTIONS, *growth, "all")
             for element, motion, tau, use in product(members(scene.machine), motions, settling_times(scene), uses):
                 yield use.model_copy(update={"element": element, "motion": motion, "tau": tau})
+
+
+def _motions(name: str) -> Sequence[Motion]:
+    """The motions of a name: one, the three translations, or all six."""
+    return {"all": MOTIONS, "translations": TRANSLATIONS}.get(name) or [m for m in MOTIONS if m == name]
