@@ -33,11 +33,21 @@ from errormodel.surveys.columns import (
     check_units,
     plan_columns,
 )
-from errormodel.surveys.file import BudgetEntry, FileEntry, Frame, Refit, SurveyForm, SurveyUnits, read_form
+from errormodel.surveys.file import (
+    BudgetEntry,
+    FileEntry,
+    Frame,
+    Refit,
+    SurveyForm,
+    SurveyUnits,
+    TargetPlace,
+    read_form,
+)
 from errormodel.surveys.gaps import filled
 from errormodel.surveys.observations import check_observations
 from errormodel.surveys.plausibility import check_sizes
 from errormodel.surveys.record import RecordForm
+from errormodel.surveys.target_places import places_of
 from errormodel.surveys.travels import travel_notes
 from errormodel.yamlfile import Document
 
@@ -90,6 +100,8 @@ class Survey:
         Whether a file has a column ``run``; else all rows are of one run, whose label nobody gave.
     clock_zero : float or None
         When ``time`` is 0, in s since 1970, where the times were given as dates.
+    places : mapping
+        Of targets whose places are not known exactly, by name (with the file, where several state another place).
     """
 
     table: pd.DataFrame
@@ -108,6 +120,7 @@ class Survey:
     of_tool: frozenset[str] = frozenset()
     labelled: bool = True
     clock_zero: float | None = None
+    places: Mapping[str, TargetPlace] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.table)
@@ -229,6 +242,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
         table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes), tuple(form.budget),
         frame_rotation=rotation, record=form.test, observations=form.observations, scatter=all(scatter),
         of_tool=of_tool, labelled=any("run" in part.frame for part in parts), clock_zero=zero,
+        places=places_of(form.files),
     )  # fmt: skip
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import PositiveFloat, model_validator
 
 from errormodel.arrays import Index
 from errormodel.conventions import TOOL, TRANSLATIONS
@@ -17,6 +18,7 @@ from errormodel.effects.shared import in_runs, moments, run_channels, since, swi
 from errormodel.machine import Machine, Vector
 
 TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")  # columns of the functional point, as in `errormodel.surveys.columns`
+USUAL_MM = 0.02  # one standard deviation of an offset that a diagnosis finds; by judgement
 SAME_TOOL_MM = 0.05  # sum of coordinate differences, mm, below which two functional points are one tool; by judgement
 MOST_TOOLS = 12  # most different tools; more are positions of a probe and not a set of tools; by judgement
 
@@ -25,6 +27,9 @@ class TargetOffset(Effect):
     """Constant shift (mm) of the functional point in the last frame, in the rows of one `tool` or in all rows.
 
     Of a target that was put on anew, or another one, in the rows from the time `at` on, or of one `run`, or several.
+
+    `std` says how well the place was known beforehand: the standard deviation (mm) of a zero-mean prior of each
+    coordinate, or ``unknown``, a place that the survey alone shows. `target` is its name in the parameters.
     """
 
     effect: ClassVar[str] = "target-offset"
@@ -37,6 +42,8 @@ class TargetOffset(Effect):
     tool: Vector | None = None  # mm
     at: Annotated[float | None, MOMENT] = None  # s
     run: str | tuple[str, ...] | None = None
+    std: PositiveFloat | Literal["unknown"] | None = None  # mm
+    target: str = ""
 
     @model_validator(mode="after")
     def _one_of_them(self) -> Self:
@@ -65,7 +72,9 @@ class TargetOffset(Effect):
         elif self.tool is not None:
             apart = sum(absolute(channel(c) - v) for c, v in zip(TOOL_COLUMNS, self.tool, strict=True))
             here = fmin(fmax(2 - apart / SAME_TOOL_MM, 0), 1)
-        return [EffectTerm(TOOL, "", "mm", {motion: here}, 0.02) for motion in TRANSLATIONS]
+        known = isinstance(self.std, float)
+        size = self.std if isinstance(self.std, float) else math.inf if self.std else USUAL_MM
+        return [EffectTerm(TOOL, self.target, "mm", {m: here}, size, tied=known) for m in TRANSLATIONS]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
-from pydantic import ConfigDict, Field, field_validator, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, field_validator, model_validator
 
 from errormodel.instruments import instruments
 from errormodel.instruments.base import Instrument, Positive
@@ -82,6 +82,31 @@ class LogEntry(RawEntry):
     offset: float = Field(0.0, description="s to add to its times")
 
 
+class TargetPlace(FileModel):
+    """Where a target is in the last frame, mm, and how well that is known."""
+
+    place: Vector3 | None = Field(None, description="its functional point (mm), such as [0, 0, 50]")
+    near: Vector3 | None = Field(None, description="about where it is (mm): its place is an unknown of the fit")
+    sigma: Positive | None = Field(None, description="standard uncertainty (mm) of each coordinate of its place")
+
+    @model_validator(mode="after")
+    def _one(self) -> TargetPlace:
+        if (self.place is None) == (self.near is None):
+            raise ValueError("Write place: [x, y, z] of a known place, or near: [x, y, z] of one to estimate")
+        if self.near is not None and self.sigma is not None:
+            raise ValueError("Write place: beside sigma:; near: is a place that nobody knows")
+        return self
+
+    @property
+    def point(self) -> tuple[float, float, float]:
+        x, y, z = self.place or self.near or (0.0, 0.0, 0.0)
+        return x, y, z
+
+
+def _place(value: object) -> object:
+    return {"place": value} if isinstance(value, list) else value
+
+
 class FileEntry(RawEntry):
     """One table, and whether it is fitted or held out as a test; a raw file with its commands."""
 
@@ -89,7 +114,10 @@ class FileEntry(RawEntry):
     role: Role = Field("fit", description="fit (the parameters come from it) or test (held out)")
     commands: RawEntry | None = Field(None, description="the file with the commands: a block as of a raw file")
     pairs: str = Field("", description="CSV of which rows were measured at which command: command, first, last")
-    targets: dict[str, Vector3] = Field({}, description="functional point (mm) of each target, such as {A: [0, 0, 50]}")
+    targets: dict[str, Annotated[TargetPlace, BeforeValidator(_place)]] = Field(
+        {},
+        description="functional point (mm) of each target, such as {A: [0, 0, 50], B: {near: [9, 0, 50]}}",
+    )
     axes: Axes = Field(
         "reference", description="of mx my mz: tool, of a nest in the spindle whose readings are along its own axes"
     )

@@ -235,7 +235,9 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
         commands = mapped(entry.commands, folder, machine)
         pairs.check_commands(len(commands.frame), entry.commands.path)
     read = [mapped(log, folder, machine) for log in logs]
-    table, lines = joined(measured, commands, pairs, entry.targets, machine, entry.path)
+    table, lines = joined(
+        measured, commands, pairs, {n: t.point for n, t in entry.targets.items()}, machine, entry.path
+    )
     if entry.axes == "tool":
         table = in_reference(table, machine, entry.path)
     if entry.observation:

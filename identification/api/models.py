@@ -46,10 +46,14 @@ def describe(machine: AnyMachine, survey: AnySurvey | None = None) -> Descriptio
     >>> describe("five_axis_table_quill").groups.rank
     32
     """
+    from errormodel.surveys.target_places import with_places
     from identification.results.description import describe as stage
 
     model = machine_of(machine)
-    return stage(model, None if survey is None else survey_of(survey, model, measured=False))
+    if survey is None:
+        return stage(model, None)
+    data = survey_of(survey, model, measured=False)
+    return stage(with_places(model, data.places), data)
 
 
 def plan(
@@ -162,6 +166,7 @@ def fit(
     >>> bool(abs(row["value"] - 0.02) < 4 * row["std"])
     True
     """
+    from errormodel.surveys.target_places import with_places
     from identification.bayes.settings import priors_of
     from identification.diagnosis.data_checks.gate import passed
     from identification.estimation.fit import fit_machine
@@ -170,6 +175,7 @@ def fit(
 
     model = machine_of(machine)
     data = survey_of(survey, model, progress)
+    model = with_places(model, data.places)
     given, document = priors_of(priors, bounds_only=not bayes)
     bounds = {} if bayes else given
     with progress("Fitting"):
@@ -208,11 +214,13 @@ def diagnose(machine: AnyMachine, survey: AnySurvey, *, progress: Progress = sil
     InputError
         The input is wrong, or holds no row to fit.
     """
+    from errormodel.surveys.target_places import with_places
     from identification.diagnosis.pipeline import diagnose as stage
     from identification.results.diagnosis_result import DiagnosisResult
 
     model = machine_of(machine)
-    return DiagnosisResult(stage(model, survey_of(survey, model, progress), progress))
+    data = survey_of(survey, model, progress)
+    return DiagnosisResult(stage(with_places(model, data.places), data, progress))
 
 
 def thermal(machine: AnyMachine, survey: AnySurvey, *, progress: Progress = silent) -> ThermalResult:

@@ -123,7 +123,9 @@ def _widths(fit: Fit) -> Array:
     out = np.empty(len(solution.unknowns))
     for k, name in enumerate(solution.unknowns):
         tied = name in units and chain.parameters[chain.index[name]].prior
-        if name in of_effects:
+        if np.isinf(of_effects.get(name, 0.0)):  # the place of a target that nobody knows
+            out[k] = NUISANCE_STD["mm"]
+        elif name in of_effects:
             out[k] = tied or PRIOR_WIDTH_FACTOR * of_effects[name]
         elif name in units and name not in chain.frame_ids and name not in chain.tool_ids:
             out[k] = PRIOR_WIDTH_FACTOR * sizes[units[name]]

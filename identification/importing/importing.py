@@ -26,11 +26,12 @@ from identification.importing.clock_jumps import refuse_backwards, unordered_tim
 from identification.importing.copies import copy_notes
 from identification.importing.end_points import computed_notes
 from identification.importing.exchanged_rows import CURE as FOUND_CURE
+from identification.importing.geometry import turns_tool
 from identification.importing.leaving_out import open_measured, without_rows
 from identification.importing.near_causes import other_cause
 from identification.importing.nearest import find_pairing
 from identification.importing.other_orders import CURE
-from identification.importing.pairing import NEAREST, Pairs, middles, pair, points_of
+from identification.importing.pairing import LOCATION_ERROR_MM, NEAREST, Pairs, middles, pair, points_of
 from identification.importing.partial import refuse_partial
 from identification.importing.proof import Proof, prove, refuse_unit, with_other_order
 from identification.importing.readings import ReadingFile, SetUps, join_readings, set_ups
@@ -126,6 +127,7 @@ def import_files(
         for source in (*points, *single):
             _refuse_no_commands(source, machine)
     pairs = [pair(source, commanded, chain, wishes, seed) for source in points]
+    pairs = _one_place_each(pairs)
     aligned = [_places(source, own, commanded, chain) for source, own in zip(points, pairs, strict=True)]
     for source, (nominal, measured) in zip(points, aligned, strict=True):
         # else the unit of the commands is wrong, as the survey's check says
@@ -138,7 +140,7 @@ def import_files(
     readings = [replace(r, source=_with_clock(r.source, r.pairs, bool(logs), warnings)) for r in readings]
     single = [r.source for r in readings]
     frame = _frame(points, aligned, chain)
-    files = _files(points, motions, traces, readings, logs, pairs, commanded, frame, wishes)
+    files = _files(points, motions, traces, readings, logs, pairs, commanded, frame, wishes, turns_tool(machine))
     with tempfile.TemporaryDirectory() as folder, running(None):
         for name, data in files.items():
             write_bytes_atomic(data, Path(folder) / name)
@@ -205,6 +207,17 @@ def _with_notes(texts: list[str], survey: Survey, files: Mapping[str, bytes]) ->
     """A survey whose ``survey.yaml`` states notes, which every command repeats."""
     stated = files[SURVEY_FILE] + _yaml({"notes": texts}).encode()
     return replace(survey, notes=(*survey.notes, *texts)), {**files, SURVEY_FILE: stated}
+
+
+def _one_place_each(pairs: Sequence[Pairs]) -> list[Pairs]:
+    """A target of one name in several files at one place, where its places in them are one to a location error."""
+    first: dict[str, tuple[float, float, float]] = {}
+    out = []
+    for own in pairs:
+        together = {n: first.setdefault(n, p) for n, p in own.targets.items()}
+        near = all(np.linalg.norm(np.subtract(together[n], p)) < LOCATION_ERROR_MM for n, p in own.targets.items())
+        out.append(replace(own, targets=together) if near else own)
+    return out
 
 
 def _places(source: SourceFile, own: Pairs, commanded: SourceFile | None, chain: Chain) -> Both:
@@ -294,9 +307,12 @@ def _miss(nominal: np.ndarray, measured: np.ndarray) -> float:
 def _files(
     points: Sequence[SourceFile], motions: Sequence[SourceFile], traces: Sequence[Trace],
     readings: Sequence[ReadingFile], logs: Sequence[SourceFile], pairs: Sequence[Pairs], commanded: SourceFile | None,
-    frame: str, wishes: Wishes,
+    frame: str, wishes: Wishes, turned: bool,
 ) -> dict[str, bytes]:  # fmt: skip
-    """Files of the survey's folder: the raw ones as they came, the map, and the pairs."""
+    """Files of the survey's folder: the raw ones as they came, the map, and the pairs.
+
+    `turned`: whether a joint turns the last frame; else the first target is where the tool of the machine is.
+    """
     single = [r.source for r in readings]
     read = (*points, *single, *motions, *(t.source for t in traces), *logs, *([commanded] if commanded else []))
     files = {s.entry.path: s.raw.data for s in read}
@@ -312,7 +328,8 @@ def _files(
             entry["pairs"] = name
             files[name] = PairTable(name, own.command, own.first, own.last, own.start, own.run).text().encode()
         if own.targets:
-            entry["targets"] = {name: list(place) for name, place in own.targets.items()}
+            held = None if turned else next(iter(own.targets))
+            entry["targets"] = {n: list(p) if n == held else {"near": list(p)} for n, p in own.targets.items()}
         if number <= len(points) and wishes.axes == "tool":
             entry["axes"] = wishes.axes
         if id(source) in labels:

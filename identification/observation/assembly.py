@@ -6,6 +6,7 @@ a measured value are left out. Units: mm and rad.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -355,6 +356,7 @@ def group_order(chain: Chain, unknowns: Sequence[str]) -> list[int]:
 
     Measuring frames come late, so that a group with both is named after the machine's parameter. Stations and the like
     come first: what moves them all alike is the place of the machine among them, and its other groups are free of them.
+    So do places of targets that nobody knows: what cannot be told from them is no error of the machine.
     """
     joints = {e.name for e in chain.machine.elements if isinstance(e, Joint)}
 
@@ -365,6 +367,8 @@ def group_order(chain: Chain, unknowns: Sequence[str]) -> list[int]:
         if name not in chain.index or name in chain.frame_ids or name in chain.tool_ids:
             return (3 if name.startswith("zero[") else 5 if name in chain.tool_ids else 4), k
         parameter = chain.parameters[chain.index[name]]
+        if name in chain.of_effects and math.isinf(parameter.size):
+            return -1, k
         if parameter.element in joints:
             return 2, k
         return (0 if parameter.motion in TRANSLATIONS else 1), k

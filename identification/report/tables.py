@@ -116,7 +116,7 @@ def readings(fit: Fit) -> list[list[str]]:
 
 def of_set_ups(fit: Fit) -> list[list[str]]:
     """Cells of each unknown of a set-up: name, value, standard uncertainty, unit; at most `MOST_FRAME_ROWS`."""
-    found = set_ups(fit)
+    found = [v for v in set_ups(fit) if v.type != "target"]  # these are among the effects
     out = [
         [
             v.id,

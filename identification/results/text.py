@@ -10,7 +10,7 @@ import numpy as np
 from errormodel.location_errors import named
 from identification.estimation.result import noise_bounds
 from identification.results.parameter_table import chance, printed
-from identification.results.set_ups import set_ups
+from identification.results.set_ups import SetUpValue, set_ups
 from identification.results.terminal import table_lines
 
 if TYPE_CHECKING:
@@ -80,6 +80,10 @@ def fit_lines(analysis: Analysis) -> Iterator[str]:
         yield from _reading_lines(fit, fit.readings)
     if not fit.fitted.n:
         yield from _level_lines(fit)
+    yield from _set_up_lines(
+        [v for v in set_ups(fit) if v.type == "target"],
+        "places of targets in the last frame, of a machine whose last members have no constant errors",
+    )
     if fit.inflation > 1 and fit.declared:
         yield f"residuals exceed the declared uncertainty: standard uncertainties are multiplied by {fit.inflation:.2f}"
     yield from _outlier_lines(fit)
@@ -154,17 +158,24 @@ def _reading_lines(fit: Fit, readings: Readings) -> Iterator[str]:
     ]
     yield ""
     yield from table_lines(rows, "<<>>>>", least=7)
-    found = set_ups(fit)
-    if found:
-        yield "\nset-ups (coordinates in the machine's reference, with its constants: zeros of the axes, and the tool)"
-        cells = [
-            [v.id, f"{v.value:.6g}" if v.unit == "rad" else f"{v.value:.4f}", _plus_minus(v.std), v.unit]
-            for v in found[:SHOWN_SET_UPS]
-        ]
-        yield from table_lines(cells, "<>><", indent=2)
-        if len(found) > SHOWN_SET_UPS:
-            yield f"  and {len(found) - SHOWN_SET_UPS} more in fit.json"
+    yield from _set_up_lines(
+        [v for v in set_ups(fit) if v.type != "target"],
+        "set-ups (coordinates in the machine's reference, with its constants: zeros of the axes, and the tool)",
+    )
     yield ""
+
+
+def _set_up_lines(found: Sequence[SetUpValue], heading: str) -> Iterator[str]:
+    if not found:
+        return
+    yield f"\n{heading}"
+    cells = [
+        [v.id, f"{v.value:.6g}" if v.unit == "rad" else f"{v.value:.4f}", _plus_minus(v.std), v.unit]
+        for v in found[:SHOWN_SET_UPS]
+    ]
+    yield from table_lines(cells, "<>><", indent=2)
+    if len(found) > SHOWN_SET_UPS:
+        yield f"  and {len(found) - SHOWN_SET_UPS} more in fit.json"
 
 
 def _plus_minus(std: float | None) -> str:
