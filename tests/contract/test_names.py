@@ -95,6 +95,7 @@ WORKED_WITH = {
     "station_shift",  # the same, of the zero of an instrument
     "unnamed",  # the form by which the diagnosis states what has no name
     "structure_drift",  # what the command for thermal models fits
+    "target_offset",  # what a survey says of places that it does not know
     "plain",  # the instrument of a survey that names none
     "laser_tracker",  # a line of sight, looked for in residuals
 }

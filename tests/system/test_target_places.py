@@ -63,7 +63,7 @@ def off(result: FitResult, stated: Array = STATED) -> tuple[Array, Array]:
 
 
 def test_a_place_that_nobody_knows_is_an_unknown(tmp_path: Path) -> None:
-    """Stated as known it makes predictions of these very targets wrong by 0.2 mm a coordinate; as `near` it does not."""
+    """Stated as known it makes predictions of these very targets wrong by 0.2 mm a coordinate; as near it does not."""
     held = fit(ARM, survey(tmp_path / "held", listed("{}")))
     assert np.sqrt(np.square(off(held)[0]).mean()) > 5 * NOISE
     free = fit(ARM, survey(tmp_path / "free", listed("{{near: {}}}")))
@@ -82,7 +82,7 @@ def test_a_constant_in_the_stated_place_changes_no_prediction(tmp_path: Path) ->
     other = fit(ARM, survey(tmp_path / "other", listed("{{near: {}}}", moved)))
     (error, u), (error_too, u_too) = off(one), off(other, moved)
     np.testing.assert_allclose(error, error_too, atol=1e-4)  # mm: a millimetre of 0.1 m of lever, of errors of 10 um
-    np.testing.assert_allclose(u, u_too, rtol=1e-3)
+    np.testing.assert_allclose(u, u_too, rtol=1e-2)  # a millimetre of 0.1 m
 
 
 def test_places_are_found_where_the_last_members_are_right(tmp_path: Path) -> None:
