@@ -19,8 +19,10 @@ def evidence_of(fit: Fit) -> tuple[EffectEvidence, ...]:
     """
     if not any(isinstance(v, PositionView) for v in fit.problem.views):
         return ()
-    out = []
-    for number, spec in enumerate(fit.chain.machine.effects):
+    out, chain = [], fit.chain
+    for number, spec in enumerate(chain.machine.effects):
+        if any(np.isinf(chain.parameters[chain.index[i]].size) for i in chain.effect_ids[number]):
+            continue  # of no size that is known beforehand: as of a measuring frame, there is no evidence for it
         effect = effects.make(spec)
         linear, _ = without_effect(fit, number)
         scores = Candidates.of(linear, [effect]).scores(linear)
