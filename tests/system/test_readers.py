@@ -39,7 +39,7 @@ def test_the_sound_file_is_read(name: str) -> None:
 
 @pytest.mark.parametrize("name", first_of([*OTHERS, *RAW], len(OTHERS)))
 @given(data=st.data())
-# a sample: .ci/run tries 275 inputs for each reader by `tests.benchmarks.fuzz`, which knows what they have reached
+# a sample: .ci/run tries 230 inputs for each reader by `tests.benchmarks.fuzz`, which knows what they have reached
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 def test_any_bytes(name: str, data: st.DataObject) -> None:
     tried(name, data.draw(mutated(readers()[name].sound)))
