@@ -365,14 +365,16 @@ class Chain:
 
     def frames(self, position: Mapping[str, float]) -> NDArray[np.float64]:
         """Nominal frames (elements + 1, 4, 4) at one command: the reference, then that after each element; mm."""
-        out, point, turn = [np.eye(4)], ca.SX.zeros(3), ca.SX.eye(3)
+        upper = self._frames([position.get(c, 0.0) for c in self.channels]).full().reshape(3, -1, 4).swapaxes(0, 1)
+        return np.concatenate([upper, np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(upper), 1, 4))], axis=1)
+
+    @cached_property
+    def _frames(self) -> ca.Function:
+        """Upper three rows (3, 4 (elements + 1)) of all nominal frames at given channels."""
+        out = [ca.SX.eye(3), ca.SX.zeros(3)]  # rotation and point of each
         for step, rotation in self.nominal_steps:
-            point, turn = point + turn @ step, turn @ rotation
-            function = ca.Function("f", [self.rows], [ca.horzcat(turn, point)])
-            frame = np.eye(4)
-            frame[:3] = function([position.get(c, 0.0) for c in self.channels]).full()
-            out.append(frame)
-        return np.array(out)
+            out += [out[-2] @ rotation, out[-1] + out[-2] @ step]
+        return ca.Function("frames", [self.rows], [ca.horzcat(*out)])
 
 
 def rotation_xyz(angles: ca.SX) -> ca.SX:
