@@ -165,6 +165,14 @@ def figures_shared() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def nothing_flushed() -> Iterator[None]:
+    """What a test writes need not outlive a loss of power: the disk is not waited for; a wrong handle still fails."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", os.fstat)
+        yield
+
+
 @pytest.fixture(autouse=True)
 def figures_drawn_once(request: pytest.FixtureRequest) -> None:
     """In the pages of a module's tests, a figure of the same caption and description is drawn once.
@@ -185,6 +193,15 @@ def with_mill(tmp_path_factory: pytest.TempPathFactory) -> Fill:
         patch.setattr(FIGURES, "module", None)
         made = fitted_mill(tmp_path_factory.mktemp("mill"))
     return lambda folder: Path(shutil.copytree(made, folder, dirs_exist_ok=True))
+
+
+@pytest.fixture(scope="session")
+def demonstration(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """What the README's first command makes of the example, and what it prints; made once."""
+    from tests.helpers.commands import done
+
+    folder, example = tmp_path_factory.mktemp("demonstration") / "demo", ROOT / "machines/examples/gantry"
+    return folder, done("diagnose", example, example / "survey.csv", "--out", folder).out
 
 
 @pytest.fixture

@@ -26,11 +26,9 @@ ROOT = Path(__file__).resolve().parents[2]
 GANTRY = ROOT / "machines/examples/gantry"
 
 
-@pytest.fixture(scope="module")
-def gantry(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("gantry") / "d"
-    done("diagnose", GANTRY / "machine.yaml", GANTRY / "survey.csv", "--out", folder)
-    return folder
+@pytest.fixture
+def gantry(demonstration: tuple[Path, str]) -> Path:
+    return demonstration[0]
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +143,7 @@ def test_the_log_is_in_the_manifest(gantry: Path) -> None:
 
 @pytest.mark.long
 def test_the_log_is_the_same_from_run_to_run(gantry: Path, tmp_path: Path) -> None:
-    done("diagnose", GANTRY / "machine.yaml", GANTRY / "survey.csv", "--out", tmp_path / "again")
+    done("diagnose", GANTRY, GANTRY / "survey.csv", "--out", tmp_path / "again")
     for name in ("decisions.csv", "diagnosis.json"):
         assert (tmp_path / "again" / name).read_bytes() == (gantry / name).read_bytes()
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import shutil
 from pathlib import Path
-
-import pytest
 
 from tests.helpers.commands import done
 
@@ -22,13 +21,13 @@ def test_two_commands_of_one_line_come_first() -> None:
     assert SHELL[1][0].endswith("-m pytest")
 
 
-def test_the_first_command_finds_what_the_demonstration_hides(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(ROOT)
+def test_the_first_command_finds_what_the_demonstration_hides(demonstration: tuple[Path, str], tmp_path: Path) -> None:
     diagnose, compensate = (shlex.split(part) for part in SHELL[0][0].split("&&")[-2:])
     assert diagnose[0] == compensate[0] == ".venv/bin/errormodel"
-    words = diagnose
-    assert words[-2] == compensate[-2] == "--out"
-    printed = done(*words[1:-1], tmp_path / "demo").out
+    words, example = diagnose, "machines/examples/gantry"
+    assert words[1:] == ["diagnose", example, f"{example}/survey.csv", "--out", "demo"]
+    made, printed = demonstration
+    shutil.copytree(made, tmp_path / "demo")
     (finding,) = json.loads((tmp_path / "demo/diagnosis.json").read_text())["findings"]
     assert finding["statement"] in printed
     (truth,) = json.loads((ROOT / words[2] / "truth.json").read_text())["effects"]
@@ -39,6 +38,7 @@ def test_the_first_command_finds_what_the_demonstration_hides(tmp_path: Path, mo
     for name in ("fit.json", "parameters.csv", "residuals.csv", "machine.yaml", "report.html"):
         assert (tmp_path / "demo" / name).stat().st_size > 0, name
     assert compensate[2] == words[-1]
+    assert compensate[-2] == "--out"
     done("compensate", tmp_path / "demo", *compensate[3:-1], tmp_path / "demo/tables")
     figures = json.loads((tmp_path / "demo/tables/compensation.json").read_text())["sets"][0]["figures"]
     assert all(f["removed"] > 0.9 for f in figures[:2])
