@@ -83,10 +83,11 @@ def test_what_was_saved_predicts_the_same(survey: pd.DataFrame, tmp_path: Path) 
 
 
 def test_a_diagnosis_and_its_tables(tmp_path: Path) -> None:
-    folder = ROOT / "machines/examples/gantry"
-    result = diagnose(folder, folder / "survey.csv")
+    worn = tmp_path / "worn.yaml"
+    worn.write_text((ROOT / f"machines/{MILL}.yaml").read_text() + "\neffects:\n  - {effect: backlash, joint: X}\n")
+    result = diagnose(MILL, simulate(worn, 120, {"X.dx.backlash": 0.006}, noise=0.002, seed=1))
     assert result.verdict == "explained"
-    assert list(result.findings["effect"]) == ["beam-sag"]
+    assert list(result.findings["effect"]) == ["backlash"]
     assert result.statistics.loc["held out", "rms_um"] < result.baseline.statistics.loc["held out", "rms_um"]
     assert type(result.plot.where()).__name__ == "Figure"
     save(result, tmp_path / "found")

@@ -8,7 +8,7 @@ import pytest
 from tests.helpers import crossbeam as sim
 from tests.helpers.commands import run, tree
 
-X = (np.arange(400) - 200) * 0.1
+X = (np.arange(200) - 100) * 0.2
 Y = np.arange(-20.0, 20.0, 1.0)
 YAML = "joint: Y\npositions: [350, 550]\nlever: [-900, 0, -2051]\n"
 MOUNT = "mount: {translation: [2.8, -0.9, -173.9], rotation: [0.003, -0.001, -0.009]}\n"
