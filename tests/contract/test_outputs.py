@@ -245,7 +245,8 @@ def watch(event: str, arguments: tuple[object, ...]) -> None:
         OPENED.append(Path(arguments[0]).resolve())
 
 
-@pytest.mark.parametrize("name", READERS)
+# what a plan reads is noted, or "plan over its machine" and "plan over its setup" were written over above
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.long] if n == "plan" else []) for n in READERS])
 def test_every_file_that_is_opened_is_noted(name: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     noted: list[Path] = []
     monkeypatch.setattr("errormodel.inputs.Run.refuse", lambda _, path: noted.append(path.resolve()))

@@ -38,7 +38,7 @@ def test_contiguous_blocks_are_predicted_from_the_temperatures(printers: Path, n
     assert result.diagnosis.verdict == ("partly-explained" if result.diagnosis.unexplained else "explained")
 
 
-@pytest.mark.parametrize("name", LARGEST_UM)
+@pytest.mark.parametrize("name", first_of(sorted(LARGEST_UM, reverse=True)))
 def test_it_is_the_heat_and_late(printers: Path, name: str) -> None:
     first = heated(printers, name).diagnosis.findings[0]
     assert first.effect in ("structure-drift", "scale-expansion", "warm-up", "thermal-bending", "spindle-growth")
@@ -49,6 +49,7 @@ def test_it_is_the_heat_and_late(printers: Path, name: str) -> None:
     assert first.probability > 0.7
 
 
+@pytest.mark.long  # tests/system/test_diagnosis_again.py has one too
 def test_a_dead_sensor_drives_nothing_and_is_reported(printers: Path) -> None:
     """The chamber of `a` reads -180 degC throughout."""
     result = heated(printers, "a")

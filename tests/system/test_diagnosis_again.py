@@ -36,13 +36,19 @@ def test_gross_rows_that_an_effect_hides_are_found(survey: Survey, far: float) -
 
 
 def test_what_no_member_does_has_no_name() -> None:
-    """2 mm/K: the prior of sizes alone refuses the name. Something follows the temperature, and is predicted."""
+    """2 mm/K: the prior of sizes alone refuses the name. Something follows the temperature, and is predicted.
+
+    A sensor that is dead is said to be so, and drives nothing.
+    """
     survey = empty_survey(MACHINE, 220, 12, channels=True, grid=False)
     fields: dict[str, object] = {"element": "column", "motion": "dy", "sensor": "T_0"}
     moved = showing(survey, MACHINE, [(EffectSpec("structure-drift", fields), [2.0])], 0.003)
-    found = diagnose(MACHINE, moved).diagnosis
+    told = diagnose(MACHINE, replace(moved, table=moved.table.assign(T_chamber=-180.0)))
+    found = told.diagnosis
     assert [f.effect for f in found.findings] == ["unnamed"]
     assert "T_0" in found.findings[0].driver
+    assert any(note.startswith("T_chamber drives nothing") for note in found.notes)
+    assert not any("T_chamber" in str(e) for e in told.final.chain.machine.effects)
     after, before = found.final["heldout_rms_um"], found.baseline["heldout_rms_um"]
     assert after is not None
     assert before is not None
