@@ -13,7 +13,7 @@ import math
 import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import TYPE_CHECKING, Literal
 
 import casadi as ca
@@ -379,7 +379,15 @@ class Chain:
 
 def rotation_xyz(angles: ca.SX) -> ca.SX:
     """``Rx(a) Ry(b) Rz(c)``: rotations about x, then y, then z of the rotated frame, rad."""
-    return ca.mtimes([rotation_about(ca.SX(ca.DM.eye(3)[:, k]), angles[k]) for k in range(3)])
+    return _rotation()(angles)
+
+
+@cache
+def _rotation() -> ca.Function:
+    """`rotation_xyz` as a function: a chain turns by it some dozen times, and to put its parts together takes long."""
+    angles = ca.SX.sym("angles", 3)
+    turns = [rotation_about(ca.SX(ca.DM.eye(3)[:, k]), angles[k]) for k in range(3)]
+    return ca.Function("rotation_xyz", [angles], [ca.mtimes(turns)])
 
 
 def rotation_about(axis: ca.SX, angle: ca.SX) -> ca.SX:

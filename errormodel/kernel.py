@@ -119,25 +119,26 @@ def tape_of(program: Program, wanted: list[int], in_place: bool = True) -> Tape:
     Steps may work `in_place`: their result then takes the register of an operand that is used for the last time.
     """
     nodes, needed = program.nodes, program.needed(wanted)
+    operands_of = {node: program.operands(node) for node in needed}
     stage: dict[int, int] = {}
     for node in needed:
-        stage[node] = max((stage[a] + is_slow(nodes[a][0]) for a in program.operands(node)), default=0)
+        stage[node] = max((stage[a] + is_slow(nodes[a][0]) for a in operands_of[node]), default=0)
     scalars = [n for n in needed if program.scalar[n]]
     where = {node: k for k, node in enumerate(scalars)}
     steps = sorted((n for n in needed if not program.scalar[n]), key=lambda n: (stage[n], is_slow(nodes[n][0]), n))
     inputs = [n for n in steps if nodes[n][0] == "input"]
     work = [n for n in steps if nodes[n][0] != "input"]
-    used = {a for n in work for a in program.operands(n)} | set(wanted)
+    used = {a for n in work for a in operands_of[n]} | set(wanted)
     fixed = [n for n in scalars if n in used]
     # work registers count from 0 and functions from -1 down, until it is known how many there are
     slot = {n: ("fixed", k) for k, n in enumerate([*fixed, *inputs])}
     home = {n: k for k, n in enumerate(wanted)}
-    last = {a: n for n in work for a in program.operands(n)}
+    last = {a: n for n in work for a in operands_of[n]}
     out: list[tuple[str, tuple[tuple[str, int], ...], tuple[str, int]]] = []
     out += [("positive", (slot[n],), ("function", home[n])) for n in (*fixed, *inputs) if n in home]
     free, registers = list[tuple[str, int]](), 0
     for node in work:
-        kind, operands = nodes[node][0], program.operands(node)
+        kind, operands = nodes[node][0], operands_of[node]
         taken = tuple(slot[a] for a in operands)
         over = [slot[a] for a in dict.fromkeys(operands) if last[a] == node and slot[a][0] == "work"]
         free += over if in_place else []
@@ -154,7 +155,7 @@ def tape_of(program: Program, wanted: list[int], in_place: bool = True) -> Tape:
         tuple(
             (nodes[n][0], (nodes[n][1],) if nodes[n][0] == "const" else (nodes[n][2],))
             if nodes[n][0] in LEAVES
-            else (nodes[n][0], tuple(where[a] for a in program.operands(n)))
+            else (nodes[n][0], tuple(where[a] for a in operands_of[n]))
             for n in scalars
         ),
         tuple(where[n] for n in fixed),

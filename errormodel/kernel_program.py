@@ -106,8 +106,8 @@ class Program:
         return sorted(found)
 
     def operands(self, node: int) -> tuple[int, ...]:
-        kind, *operands = self.nodes[node]
-        return () if kind in LEAVES else tuple(operands)
+        whole = self.nodes[node]
+        return () if whole[0] in LEAVES else whole[1:]
 
 
 def with_tangents(program: Program, wanted: list[int]) -> tuple[Program, list[int]]:

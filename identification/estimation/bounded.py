@@ -26,7 +26,6 @@ from identification.estimation.least_squares import Solution
 from identification.estimation.scaled_equations import scaled_inverse
 from identification.observation.identifiability import Groups
 from identification.observation.normal_equations import total
-from identification.runtime.convex_solver import optimise
 
 # Distance from a bound, in standard uncertainties relative to the largest step, that counts as at the bound: accuracy
 # of the quadratic solver
@@ -179,16 +178,13 @@ def _believable(
 
 def _nearest(correlation: Array, low: Array, high: Array) -> Array:
     """The step (p,) within bounds with the smallest Mahalanobis length."""
-    import cvxpy as cp
-    from cvxpy.atoms.sum_squares import sum_squares
+    from scipy.optimize import lsq_linear
 
     factor = np.linalg.cholesky(correlation + 1e-12 * np.eye(len(low)))
-    z = cp.Variable(len(low))
-    step = factor @ z
-    rules = [step[k] >= low[k] for k in np.flatnonzero(np.isfinite(low))]
-    rules += [step[k] <= high[k] for k in np.flatnonzero(np.isfinite(high))]
-    optimise(cp.Problem(cp.Minimize(sum_squares(z)), rules))  # only the set of active bounds is used
-    return np.asarray(factor @ np.asarray(z.value))
+    whitened = np.linalg.solve(factor, np.eye(len(low)))
+    # bounds become active and free again one at a time; only the set of the active ones is used
+    found = lsq_linear(whitened, np.zeros(len(low)), (low, high), method="bvls", max_iter=10 * len(low))
+    return np.asarray(found.x)
 
 
 def _unit(chain: Chain, name: str) -> str:

@@ -28,7 +28,7 @@ from identification.results.correlations import correlations
 from identification.results.json_text import dumps
 from identification.results.results_folder import ResultsFolder, whole
 from identification.results.set_ups import set_ups
-from identification.results.stored_fit import SCHEMA, StoredFit, read_files, recorded
+from identification.results.stored_fit import SCHEMA, StoredFit, read_files
 from identification.uncertainty.further_poses import leverages
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
         "n_parameters": len(fit.chain.machine_ids),
         "rank": s.groups.rank,
         "condition": s.groups.condition,
-        **recorded(fit),
+        **analysis.stored.data,
         "frame_mode": fit.survey.frame,
         **({"inches": True} if fit.chain.machine.inches else {}),
         "frame": [

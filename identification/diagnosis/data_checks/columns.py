@@ -48,11 +48,14 @@ def wrong_column(chain: Chain, survey: Survey, *, two: bool = False, log: Decisi
 
     def misfit(changes: Changes) -> float:
         """Per spread of the measured points: another unit of theirs alone makes nothing fit better."""
-        points = Points.of(chain, mended(columns, changes), fixed)
+        changed = mended(columns, changes)
+        if all(np.array_equal(changed[name], values) for name, values in columns.items()):
+            return before  # another unit of a tool that has no length
+        points = Points.of(chain, changed, fixed)
         return points.misfit() / max(points.reach, 1e-9)
 
     table = Points.of(chain, columns, fixed)
-    before = misfit(())
+    before = table.misfit() / max(table.reach, 1e-9)
     small, larger, largest = (part * chain.size / max(table.reach, 1e-9) for part in (MACHINE_ERROR_SHARE, ZERO, TWO))
     if before < small:
         if not two:

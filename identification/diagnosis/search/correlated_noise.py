@@ -19,7 +19,7 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.random_effects import RandomEffects
 from identification.diagnosis.search.blocks import NOTHING
 from identification.diagnosis.search.filtered_models import DependentError, FilteredModel, FromBasis, FromProducts
-from identification.diagnosis.search.marginal_likelihood import free_scores, joint_evidence, random_scores
+from identification.diagnosis.search.marginal_likelihood import free_scores, joint_evidence, log_sum, random_scores
 from identification.diagnosis.search.weighed_products import WeighedProducts
 from identification.estimation.noise import Noise, noises, series_edges
 
@@ -31,8 +31,6 @@ def evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tu
 
 
 def _evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tuple[float, float]]:
-    from scipy.special import logsumexp
-
     sizes = [np.concatenate([linear.columns(e)[1] for e in group]) for group in groups]  # usual ones
     ends = np.cumsum([0, *map(len, sizes)]).tolist()
     mains = [main for main, *_ in groups]
@@ -60,7 +58,7 @@ def _evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[t
                 gains[some] = free_scores(filtered, gram, slope, square, empirical)[0]
         gains -= np.array([sum({e.key: e.cost(linear.scene) for e in group}.values()) for group in groups])
         rows.append([filtered.likelihood, *(filtered.likelihood + gains)])
-    without, *with_each = logsumexp(rows, axis=0, b=_beforehand(len(rows))).tolist()
+    without, *with_each = log_sum(np.array(rows), _beforehand(len(rows))).tolist()
     white = np.array(rows[0][1:]) - rows[0][0]
     return [(float(w), each - without) for w, each in zip(white, with_each, strict=True)]
 
@@ -70,8 +68,6 @@ def random_evidence(linear: LinearModel, columns: Array) -> float:
 
     Noise that drifts more than instruments do counts as noise here.
     """
-    from scipy.special import logsumexp
-
     rows = []
     for drifts in (False, True):
         model = filtered_model(linear, drifts=drifts)
@@ -80,7 +76,7 @@ def random_evidence(linear: LinearModel, columns: Array) -> float:
             whole = float(left.squares.sum())
             random = RandomEffects.from_products(left.grams[0], left.slopes, whole, filtered.square, filtered.freedom)
             rows.append([filtered.likelihood, filtered.likelihood + random.best()[1]])
-    without, with_them = logsumexp(rows, axis=0, b=_beforehand(len(rows))).tolist()
+    without, with_them = log_sum(np.array(rows), _beforehand(len(rows))).tolist()
     return float(with_them - without)
 
 

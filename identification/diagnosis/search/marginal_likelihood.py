@@ -40,8 +40,6 @@ def free_scores(noise: Left, gram: Array, slope: Array, square: Array, empirical
     gram, slope : products (m, k, k) of the projected columns with each other, and (m, k) with the residual.
     square : (m, k) the columns' own lengths squared; of a temperature's, as it changes (`Effect.changing`).
     """
-    from scipy.special import logsumexp
-
     norm = np.sqrt(square)
     unit = gram / norm[:, :, None] / norm[:, None, :]
     values, vectors = np.linalg.eigh(unit) if unit.shape[1] > 1 else (unit[:, 0], np.ones_like(unit))
@@ -60,7 +58,7 @@ def free_scores(noise: Left, gram: Array, slope: Array, square: Array, empirical
     by_size = np.array(
         [_log_evidence(noise, delta_chi2, np.where(empirical[:, None], gain, gain * s**2)) for s in SIZES]
     )
-    evidence = logsumexp(by_size, axis=0, b=np.array([*SIZES.values()])[:, None]) - empirical
+    evidence = log_sum(by_size, np.array([*SIZES.values()])[:, None]) - empirical
     absorbed = 1 - np.where(seen.any(axis=1), values.mean(axis=1), values.max(axis=1))
     return (
         np.where(seen.any(axis=1), evidence, -np.inf),
@@ -79,15 +77,13 @@ def joint_evidence(noise: Left, gram: Array, slope: Array) -> float:
     ----------
     gram, slope : products (k, k) of the projected columns, times their usual sizes, and (k,) with the residual.
     """
-    from scipy.special import logsumexp
-
     values, vectors = np.linalg.eigh(gram)
     seen = values > ROUNDED * values[-1]
     variance = noise.square / noise.freedom
     delta_chi2 = np.square(vectors[:, seen].T @ slope)[None] / values[seen] / variance
     gain = values[None, seen] / variance / _left(noise, delta_chi2)[:, None]
-    by_size = [_log_evidence(noise, delta_chi2, gain * s**2)[0] for s in SIZES]
-    return float(logsumexp(by_size, b=[*SIZES.values()]))
+    by_size = np.array([_log_evidence(noise, delta_chi2, gain * s**2)[0] for s in SIZES])
+    return float(log_sum(by_size, np.array([*SIZES.values()])))
 
 
 def random_scores(noise: Left, gram: Array, slope: Array, square: Array) -> Scored:
@@ -95,6 +91,19 @@ def random_scores(noise: Left, gram: Array, slope: Array, square: Array) -> Scor
     evidence, variance, absorbed = scores_of(gram, slope, square.sum(axis=1), noise.square, noise.freedom)
     explained = noise.freedom * (1 - variance * noise.freedom / noise.square)
     return evidence, explained, absorbed, np.full(len(gram), np.inf)
+
+
+def log_sum(logs: Array, weights: Array) -> Array:
+    """Logarithms (...) of the weighted sums, along the first axis, of what has these logarithms (n, ...).
+
+    They are those of ``scipy.special.logsumexp``, which takes six times as long for so few numbers.
+    """
+    largest = logs.max(axis=0)
+    most = logs == largest
+    with np.errstate(invalid="ignore"):  # where all logarithms are infinite
+        rest = np.where(most, 0.0, weights * np.exp(logs - largest)).sum(axis=0)
+    first = (weights * most).sum(axis=0)
+    return np.asarray(np.log1p(rest / first) + np.log(first) + largest)
 
 
 def _left(noise: Left, delta_chi2: Array) -> Array:
