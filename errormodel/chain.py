@@ -13,7 +13,7 @@ import math
 import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Literal
 
 import casadi as ca
@@ -30,6 +30,7 @@ from errormodel.exceptions import InputError, nearest
 from errormodel.kernel import Kernel
 from errormodel.location_errors import LocationError, location_of
 from errormodel.machine import EffectSpec, Joint, Machine, Shape
+from errormodel.rotations import rotation_about, rotation_xyz
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -375,27 +376,6 @@ class Chain:
         for step, rotation in self.nominal_steps:
             out += [out[-2] @ rotation, out[-1] + out[-2] @ step]
         return ca.Function("frames", [self.rows], [ca.horzcat(*out)])
-
-
-def rotation_xyz(angles: ca.SX) -> ca.SX:
-    """``Rx(a) Ry(b) Rz(c)``: rotations about x, then y, then z of the rotated frame, rad."""
-    return _rotation()(angles)
-
-
-@cache
-def _rotation() -> ca.Function:
-    """`rotation_xyz` as a function: a chain turns by it some dozen times, and to put its parts together takes long."""
-    angles = ca.SX.sym("angles", 3)
-    turns = [rotation_about(ca.SX(ca.DM.eye(3)[:, k]), angles[k]) for k in range(3)]
-    return ca.Function("rotation_xyz", [angles], [ca.mtimes(turns)])
-
-
-def rotation_about(axis: ca.SX, angle: ca.SX) -> ca.SX:
-    """Right-handed rotation about a unit axis, rad (Rodrigues)."""
-    if angle.is_zero():
-        return ca.SX.eye(3)
-    cross = ca.skew(axis)
-    return ca.SX.eye(3) + ca.sin(angle) * cross + (1 - ca.cos(angle)) * (axis @ axis.T - ca.SX.eye(3))
 
 
 def _lever(axes: ca.SX, arm: ca.SX) -> ca.SX:

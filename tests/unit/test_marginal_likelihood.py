@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 
 from errormodel.arrays import Array
 from identification.diagnosis.decisions.constants import SIZES
-from identification.diagnosis.search.marginal_likelihood import joint_evidence
+from identification.diagnosis.search.marginal_likelihood import joint_evidence, log_sum
 
 
 @dataclass(frozen=True)
@@ -85,3 +85,12 @@ def test_what_distinguishes_two_lags_counts_though_it_is_little() -> None:
     both = joint_evidence(noise, columns.T @ columns, columns.T @ residual)
     alone = joint_evidence(noise, columns[:, :1].T @ columns[:, :1], columns[:, :1].T @ residual)
     assert both > alone + 100
+
+
+def test_sums_of_logarithms_are_those_of_scipy() -> None:
+    """To the last byte: also of logarithms that are equal, or all minus infinity."""
+    rng = np.random.default_rng(2)
+    logs, weights = rng.normal(0, 30, (5, 40)), rng.dirichlet(np.ones(5))[:, None]
+    logs[0, :8], logs[:, 8], logs[:2, 9] = -np.inf, -np.inf, logs[:, 9].max() + 1
+    np.testing.assert_array_equal(log_sum(logs, weights), logsumexp(logs, axis=0, b=weights))
+    assert log_sum(logs[:, 20], weights[:, 0]) == logsumexp(logs[:, 20], b=weights[:, 0])
