@@ -28,7 +28,6 @@ from identification.diagnosis.search.refinement import apart, distinct
 from identification.diagnosis.search.scoring import Step, choose
 from identification.diagnosis.search.shape_fit import optimise_shapes
 from identification.diagnosis.search.whole_models import Whole
-from identification.runtime.memory import give_back
 from identification.runtime.parallel import parallel_map
 from identification.runtime.progress import Progress, silent
 
@@ -151,7 +150,6 @@ def _searched_from(
     steps = forward_select(start, candidates, silent, begin, log, looked, lowest).steps
     start.ended()
     candidates.ended()
-    give_back()
     return steps
 
 
