@@ -30,6 +30,7 @@ class BallbarCircle(Observation):
         "in the plane of a circle squareness, difference of the scales, reversal errors and low-order straightness; a "
         "common scale only with a known calibrated length; nothing across the plane"
     )
+    sign: ClassVar[str] = "a length is positive where the bar is longer than its calibrated length"
     calibrated: NumberOrUnknown = Field(
         description="the calibrated length of the bar in mm, such as 150.0013; unknown; or per-run"
     )

@@ -82,6 +82,7 @@ class Observation(FileModel, ABC):
     example : keys of an example, besides ``type``.
     source : where the model is from.
     sees : what it shows and what not, in a sentence.
+    sign : what makes its readings positive, as the end of a sentence: "write it so that ...".
     """
 
     reading: ClassVar[Reading] = "length"
@@ -93,6 +94,7 @@ class Observation(FileModel, ABC):
     example: ClassVar[dict[str, Any]] = {}
     source: ClassVar[str] = ""
     sees: ClassVar[str] = ""
+    sign: ClassVar[str] = ""
 
     type: str
     sigma: Pair | None = Field(

@@ -24,6 +24,7 @@ class LineAngle(Observation):
     example: ClassVar[dict[str, Any]] = {"axis": [0.0, 1.0, 0.0]}
     source: ClassVar[str] = "ISO 230-1:2012, 8.4: angular error motions of linear axes"
     sees: ClassVar[str] = "rotations that change along the way, all joints together; no displacement, no constant angle"
+    sign: ClassVar[str] = "an angle is positive where the last frame is turned about `axis` by the right-hand rule"
     axis: Direction = Field(
         description="[x, y, z] of the axis of rotation (right-handed) in the machine's reference, such as [0, 1, 0]; 1"
     )

@@ -29,6 +29,7 @@ class LineStraightness(Observation):
     sees: ClassVar[str] = (
         "the deviation from a straight line along the way; its slope is that of the reference line, unless it is known"
     )
+    sign: ClassVar[str] = "a length is positive where the target, and not the line, lies towards `across`"
     along: Direction = Field(description="[x, y, z] of the line in the machine's reference, such as [1, 0, 0]; 1")
     across: Direction = Field(
         description="[x, y, z] of the displacements that count positive, across the line, such as [0, 0, 1]; 1"

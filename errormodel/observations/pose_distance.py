@@ -27,6 +27,9 @@ class PoseDistance(Observation):
         "the differences of position along the line from one pose to the other; never where the whole machine stands "
         "or how it is turned, and no scale if the offset in proportion to the length is unknown"
     )
+    sign: ClassVar[str] = (
+        "the two commands are the positions that the machine indicated and the length is the calibrated one"
+    )
     offset: NumberOrUnknown = Field(
         0.0,
         description="what the distance is longer than its reading, in mm: a number, unknown, or per-run (such as the "

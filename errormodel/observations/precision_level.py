@@ -24,6 +24,7 @@ class PrecisionLevel(Observation):
     sees: ClassVar[str] = (
         "inclination about horizontal axes only, all joints together; a rotation about the vertical never shows"
     )
+    sign: ClassVar[str] = "an angle is positive where `axis` rises"
     axis: Direction = Field(
         description="[x, y, z] of the level's axis in the last frame; its rise reads positive, such as [1, 0, 0]; 1"
     )

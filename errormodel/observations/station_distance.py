@@ -40,6 +40,7 @@ class StationDistance(Observation):
         "one station shows what moves the target along the lines of sight; three or more, well apart, all of its "
         "position. Rotations show by targets of several lengths only"
     )
+    sign: ClassVar[str] = "a longer length is one farther from the station, where the target truly was at the command"
     station: Station = Field(
         "unknown",
         description="[x, y, z] in the measuring frame in mm, unknown (one place for all rows), or per-run (it was "

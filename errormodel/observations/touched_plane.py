@@ -29,6 +29,7 @@ class TouchedPlane(Observation):
         "how far the touched points are from flat; neither where the plane is nor how it is turned, unless that is "
         "known, and so no scale across it"
     )
+    sign: ClassVar[str] = "a length is positive where the probe's centre lies from the plane towards `normal`"
     normal: Direction = Field(
         description="[x, y, z] of the plane's normal, towards the probe, roughly, in the machine's reference; 1"
     )

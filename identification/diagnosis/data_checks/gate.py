@@ -24,6 +24,7 @@ from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
+from identification.diagnosis.data_checks.opposite_readings import opposite_readings
 from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
 from identification.diagnosis.data_checks.readings import lengths_of, refuse_minority, start_notes
 from identification.diagnosis.data_checks.readings import refuse_wild as refuse_wild_lengths
@@ -32,6 +33,7 @@ from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotat
 from identification.estimation.checks import FOREIGN_MACHINE_SHARE, WILD, WILD_FROM, another, far_off, looked_over
 from identification.estimation.result import Fit
 from identification.observation.frames import MACHINE_ERROR_SHARE
+from identification.observation.readings import ReadingView
 
 EXPLAINED = 0.01  # of the nominal error: a fit that leaves less has found it, if its errors are of a machine's size
 ROBUST_SIZES = 1000.0  # of the machine, up to which a robust fit finds its way beside a wild row: tried
@@ -70,10 +72,10 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
     refuse_foreign_orientations(survey, fit.problem.views)
     refuse_unstated_rotation(fit)
     nominal = fit.nominal
-    if not nominal.n or 1e-3 * nominal.max_um < MACHINE_ERROR_SHARE * fit.chain.size:
-        return fit
-    examine(machine, survey, robust)
-    refuse_another_machine(fit)
+    if nominal.n and 1e-3 * nominal.max_um >= MACHINE_ERROR_SHARE * fit.chain.size:
+        examine(machine, survey, robust)
+        refuse_another_machine(fit)
+    _refuse_opposite(survey, fit)
     return fit
 
 
@@ -88,6 +90,13 @@ def refuse_another_machine(fit: Fit, *, tried: bool = False) -> None:
         raise InputError(
             str(fit.survey.source), "this is not the machine that was measured", far_off(fit.nominal, tried=tried)
         )
+
+
+def _refuse_opposite(survey: Survey, fit: Fit) -> None:
+    """InputError about readings of the opposite sign, beside points with the weights that the fit gave them."""
+    points = (v for v in fit.counted if not isinstance(v, ReadingView))
+    if (found := opposite_readings(survey, fit.problem, (*points, *fit.problem.readings))) is not None:
+        raise InputError(str(survey.source), found.text, _cure(found))
 
 
 def _refuse_copies(chain: Chain, survey: Survey) -> None:

@@ -43,6 +43,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             DATA, "", "A run of error motions that fits the others with the opposite sign is named.",
             _in(_RUNS, "CLEAR_FACTOR"),
         ),
+        "reading-opposite-sign": Rule(
+            DATA, GAIN, "Readings whose mirror image fits the rest of the survey clearly better are taken so.",
+            _decided("DECISIVE_ODDS") + _in("data_checks.opposite_readings", "WORST"),
+        ),
         "copied-rows": Rule(
             DATA, COUNT, "Rows that repeat earlier readings to the last digit are left out.",
             _in("data_checks.duplicates_and_clock", "CHANCE", "COARSE", "REPEATS"),
@@ -137,9 +141,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _decided("SIZES") + _in(_FORWARD, "LIKELY") + _in("search.shape_fit", "MAYBE"),
         ),
         "least-evidence": Rule(
-            SELECTION, EVIDENCE,
-            "Where no candidate has as much evidence the search ends.",
-            _decided("LEAST_EVIDENCE")
+            SELECTION, EVIDENCE, "Where no candidate has as much evidence the search ends.", _decided("LEAST_EVIDENCE")
         ),
         "optimised-score": Rule(
             SELECTION, EVIDENCE,
@@ -297,9 +299,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             NAMES, "probability", "Evidence over the number of places, and prior odds, give the probability of a name.",
             _decided("CLEARLY", "CHOSEN", "UNKNOWN"),
         ),
-        "unlikely-name": Rule(
-            NAMES, "probability", "A name that is less likely than not is none.", _decided("EVEN"),
-        ),
+        "unlikely-name": Rule(NAMES, "probability", "A name that is less likely than not is none.", _decided("EVEN")),
         "name-again": Rule(
             NAMES, EVIDENCE, "A form that does not lead a name clearly at last has that name.", _decided("CLEARLY")
         ),
@@ -372,8 +372,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _decided("LEAST_P_VALUE"),
         ),
         "non-repeatable-motion": Rule(
-            VERDICT, GAIN,
-            "A motion that varies from row to row with its levers is unexplained.",
+            VERDICT, GAIN, "A motion that varies from row to row with its levers is unexplained.",
             _decided("DECISIVE_ODDS") + _in(_NOISE, "CLEAR", "FEWEST"),
         ),
         "non-repeatable-direction": Rule(
