@@ -6,12 +6,15 @@ M is the design matrix, W the inverse covariance of the observations, r the resi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 
 from errormodel.arrays import Array
 from identification.observation.models import GapView, Kind, View, anywhere
 from identification.observation.sums import Pass, Sums, expanded, selectors_of
+
+V = TypeVar("V", bound=View)
 
 FULL_POSES = 200  # random poses that stand for the full travels
 RANK_SAMPLE_ROWS = 400  # rows of a view on which the rank is decided first, before all are checked: saves time
@@ -85,7 +88,7 @@ def view_vector(view: View, unknowns: Mapping[str, int], values: Array, held: Ar
     return view.vector(unknowns, values, held)
 
 
-def sampled(view: View, most: int) -> View:
+def sampled(view: V, most: int) -> V:
     """At most `most` of a view's rows, evenly spread."""
     return view if len(view) <= most else view.part(np.unique(np.linspace(0, len(view) - 1, most).astype(int)))
 

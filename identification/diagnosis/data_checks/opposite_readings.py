@@ -117,20 +117,19 @@ def _found(
         told = {k: c for k, part in waiting.items() if (c := _compared(part, known)) and (c.opposite or c.right)}
         if not told:
             break
-        for label, compared in told.items():
+        for label, seen in told.items():
             part = waiting.pop(label)
-            sure += part if compared.right else [_mirrored(v) for v in part]
-            found |= {label: compared} if compared.opposite else {}
-            log.add("reading-opposite-sign", "found" if compared.opposite else "passed", f"observation {label}",
-                    compared.gain, CLEAR, beside="points")  # fmt: skip
+            sure += part if seen.right else [_mirrored(v) for v in part]
+            found |= {label: seen} if seen.opposite else {}
+            log.add("reading-opposite-sign", "found" if seen.opposite else "passed", f"observation {label}",
+                    seen.gain, CLEAR, beside="points")  # fmt: skip
     contrary = dict[str, Compared]()
     for label, part in waiting.items():
-        others = [*sure, *rest, *(v for k, vs in waiting.items() if k != label for v in vs)]
-        if (compared := _compared(part, _known(problem, others))) is None:
-            continue
-        contrary |= {label: compared} if compared.opposite else {}
-        log.add("reading-opposite-sign", "found" if compared.opposite else "passed", f"observation {label}",
-                compared.gain, CLEAR, beside="everything else")  # fmt: skip
+        more = [*rest, *(v for k, vs in waiting.items() if k != label for v in vs)]
+        compared = _compared(part, _known(problem, [*sure, *more])) if more else None  # else points have had their say
+        contrary |= {label: compared} if compared and compared.opposite else {}
+        log.add("reading-opposite-sign", "found" if label in contrary else "passed", f"observation {label}",
+                compared.gain if compared else None, CLEAR, beside="everything else" if more else "points")  # fmt: skip
     if contrary and (len(contrary) > 1 or len(waiting) + bool(rest) < 3):
         _refuse_contrary(survey, own, contrary)
     return found | contrary
@@ -144,16 +143,16 @@ def _known(problem: Problem, views: Sequence[View]) -> Solution:
 
 def _compared(own: Own, known: Solution) -> Compared | None:
     """Readings beside what is known of the machine; None where too few are left to compare."""
-    own = [sampled(view, max(MOST // len(own), FEWEST)) for view in own]
+    views = [sampled(view, max(MOST // len(own), FEWEST)) for view in own]
     place = {name: k for k, name in enumerate(known.unknowns)}
-    design = np.vstack([design_rows(view, place, len(view)) for view in own])
-    gap = np.concatenate([_gap(view) * view.whitener for view in own])
+    design = np.vstack([design_rows(view, place, len(view)) for view in views])
+    gap = np.concatenate([_gap(view) * view.whitener for view in views])
     base = known.groups.base
     others = np.setdiff1d(np.arange(len(place)), base)
     # parameters of which a group has the sum move without the group, whose base makes up for them
     free = design[:, others] - design[:, base] @ known.groups.coefficients[:, others]
     left = np.linalg.norm(free, axis=0) > LEFT * np.linalg.norm(design[:, others], axis=0)
-    scales = np.vstack([_scales(view) * view.whitener[:, None] for view in own])
+    scales = np.vstack([_scales(view) * view.whitener[:, None] for view in views])
     q = _basis(np.hstack([free[:, left], scales]))
     if len(gap) - q.shape[1] < FEWEST or not len(base):
         return None
@@ -161,9 +160,10 @@ def _compared(own: Own, known: Solution) -> Compared | None:
     spread = across.T @ design[:, base]
     variance, axes = np.linalg.eigh(spread @ known.covariance @ spread.T)
     read, said = (axes.T @ (across.T @ r) for r in (gap, design @ known.values))
-    weight = float(np.sqrt(sum(np.square(view.whitener).sum() for view in own)))
+    weight = float(np.sqrt(sum(np.square(view.whitener).sum() for view in views)))
     as_is, mirrored = float(np.linalg.norm(read - said)) / weight, float(np.linalg.norm(read + said)) / weight
-    return Compared(*(_log_likelihood(r, variance) for r in (read - said, read + said, read)), (as_is, mirrored))
+    one, other, alone = (_log_likelihood(r, variance) for r in (read - said, read + said, read))
+    return Compared(one, other, alone, (as_is, mirrored))
 
 
 def _log_likelihood(values: Array, variance: Array) -> float:
