@@ -112,10 +112,11 @@ def judge(
     """
     judged: dict[int, Judged] = {}
     found = Judgement((), {}, {}, {})
+    fitted = round(sum(used.values()))
     for kind in dict.fromkeys(v.kind for v in views):
         own = [k for k, v in enumerate(views) if v.kind == kind]
         rows = [(gaps[k], _components(views[k]), _axes(views[k])) for k in own]
-        level = _nearer(rows, used[kind]) if start is None else start[kind]
+        level = _nearer(rows, used[kind], fitted, floor[kind]) if start is None else start[kind]
         for _ in range(1 if start is None else 4):
             level = max(level, floor[kind])
             scale: Scale = BY_DISTANCE
@@ -187,12 +188,18 @@ def _turn(view: View) -> Array:
     return view.pose.rotation if isinstance(view, PositionView) else np.eye(3)
 
 
-def _nearer(rows: Sequence[tuple[Array, Index, Array | None]], used: float) -> float:
-    """First noise level, from a low quantile of the distances."""
+def _nearer(rows: Sequence[tuple[Array, Index, Array | None]], used: float, fitted: int, floor: float) -> float:
+    """First noise level, from a low quantile of the distances.
+
+    The fit with the smallest sum of distances passes through as many rows as it has `fitted` parameters: so many within
+    `floor` say nothing of the noise (Maronna et al., 2019, section 4.4.2).
+    """
     from scipy.stats import chi
 
     m = np.concatenate([m for _, m, _ in rows])
     distance = np.concatenate([np.linalg.norm(gap, axis=0) for gap, _, _ in rows])
+    beyond = np.argsort(distance)[min(np.count_nonzero(distance <= floor), fitted) :]
+    m, distance = (m[beyond], distance[beyond]) if len(beyond) else (m, distance)
     typical = np.asarray(chi.ppf(FIRST_LEVEL_QUANTILE, np.arange(1, 4)))[m - 1]
     return FIRST_LEVEL_FACTOR * float(
         np.quantile(distance / typical, FIRST_LEVEL_QUANTILE) / np.sqrt(_left(float(m.sum()), used))
