@@ -6,6 +6,7 @@
 - ``initial(T_bed,600)``: what such a lag keeps of 1 K in the first row: ``exp(-t/600)``.
 - ``play(X,0.01)``: X after a play of 0.01 (mm or rad), in the order of the rows.
 - ``run(3)``: 1 in the rows of run 3, else 0.
+- ``of(points)``: 1 in rows of no observation of single readings, else 0; ``of(L1)``: in those of the observation L1.
 - ``row``: number of the row in the fitted file, from 1; rows of test files and of predictions come after it.
 - ``speed(X|X,Y,Z|A,C)``: speed of X (mm/s or rad/s, with its sign) as its share of the ``feed`` along the path of the
   linear joints X, Y, Z or, where these stand, of the rotary A, C (`errormodel.path_speed`).
@@ -47,6 +48,7 @@ OWN_COLUMNS = ("file", "role", "row")  # of a survey's table, which no file has
 RECORDS = "T_", "w_"  # prefixes of sensors' columns
 # beginnings of the names of columns that have no gaps where an effect needs them
 GAPLESS = (*RECORDS, "time", "feed", "load")
+POINTS = "of(points)"  # rows of positions, of no observation of single readings
 CLOCKS = "time", "row"  # of a survey: times or, where these were not recorded, the order of its rows
 # nominal position of the functional point in the reference's axes, mm
 POINT_CHANNELS = ("point_x", "point_y", "point_z")
@@ -79,6 +81,9 @@ def channel(table: pd.DataFrame, name: str) -> Array:
         return np.where(test, float(rows[~test].max(initial=0.0)) + np.cumsum(test), rows)
     if name.startswith("run("):
         return np.asarray(table["run"].astype(str) == name[4:-1], dtype=np.float64)
+    if name.startswith("of("):
+        own = table["observation"].fillna("").astype(str) if "observation" in table else np.full(len(table), "")
+        return np.asarray(own == ("" if name == POINTS else name[3:-1]), dtype=np.float64)
     if name not in table:
         raise _missing(table, name, "which an effect of this machine needs")
     values = table[name].to_numpy(dtype=np.float64)
@@ -141,23 +146,29 @@ def settled(table: pd.DataFrame, names: Iterable[str]) -> pd.DataFrame:
 
 
 def clocks(table: pd.DataFrame, name: str) -> Index:
-    """Label of the clock of each row: one per file, or one per run where each run has a clock of its own.
+    """Label of the clock of each row: one of all files, one per file, or one per run.
 
-    Runs of a file may share a clock, or each may start at zero. Where the time goes back, the column decides: the clock
-    is common if the column is a smooth function of the file's time, else each run has its own.
+    Files and runs may share a clock, or each may start at zero. Where the time goes back, the column decides: the clock
+    is common if the column is a smooth function of the common time, else each file, or each run of it, has its own.
     """
-    files, time = label_numbers(table, ["file"]), table["time"].to_numpy(dtype=np.float64)
-    if "run" not in table or not (np.diff(time) < 0).any():
-        return files
-    runs, values = label_numbers(table, ["file", "run"]), table[name].to_numpy(dtype=np.float64)
-    out = files.copy()
-    for rows in _by_label(files):
-        if (np.diff(time[rows]) < 0).any() and np.ptp(runs[rows]) > 0:
-            left = _rms(_local_line(time[rows], values[rows]) - values[rows])
-            by_run = [_local_line(time[r], values[r]) - values[r] for r in (rows[i] for i in _by_label(runs[rows]))]
-            if left > max(CLOCK_MISFIT_KELVIN, 2 * _rms(np.concatenate(by_run))):
-                out[rows] = files.max() + 1 + runs[rows]
+    time, values = table["time"].to_numpy(dtype=np.float64), table[name].to_numpy(dtype=np.float64)
+    out = np.zeros(len(table), dtype=np.intp)
+    for part in (["file"], ["file", "run"]):
+        if part[-1] in table:
+            labels = label_numbers(table, part)
+            for rows in _by_label(out):
+                if _own_clocks(time[rows], values[rows], labels[rows]):
+                    out[rows] = out.max() + 1 + labels[rows]
     return out
+
+
+def _own_clocks(time: Array, values: Array, labels: Index) -> bool:
+    """Whether the time goes back, and values are a smooth function of it within each label only."""
+    if not (np.diff(time) < 0).any() or not np.ptp(labels):
+        return False
+    left = _rms(_local_line(time, values) - values)
+    each = [_local_line(time[rows], values[rows]) - values[rows] for rows in _by_label(labels)]
+    return left > max(CLOCK_MISFIT_KELVIN, 2 * _rms(np.concatenate(each)))
 
 
 def _by_label(labels: Index) -> list[Index]:

@@ -13,7 +13,7 @@ from errormodel.channels import POINT_CHANNELS
 from errormodel.conventions import FRAME, TRANSLATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import Lag, lags, thermal, warmth
+from errormodel.effects.shared import Lag, lags, only, thermal, warmth
 from errormodel.effects.travel import Translation
 from errormodel.machine import Machine, Vector
 
@@ -24,7 +24,8 @@ class Refraction(Effect):
     """``curvature * distance^2 / 2`` along `motion` (mm), with the distance from `station` and the curvature in 1/mm.
 
     With a `sensor` the curvature is per K of that temperature over 20 degC, or over the sensor `minus`. `layered`: the
-    gradient changes with the height over the station, as air does that lies in layers (in 1/mm per mm of height).
+    gradient changes with the height over the station, as air does that lies in layers (in 1/mm per mm of height). `of`
+    is the observation that it acts on, or ``points``; without it all of them.
     """
 
     effect: ClassVar[str] = "refraction"
@@ -40,6 +41,7 @@ class Refraction(Effect):
     minus: str | None = None
     tau: Lag = 0.0
     layered: bool = False
+    of: str | None = None
 
     @property
     def where(self) -> str:
@@ -57,6 +59,7 @@ class Refraction(Effect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         level = [k for k in range(3) if TRANSLATIONS[k] != self.motion]
         bend = sum((channel(POINT_CHANNELS[k]) - self.station[k]) ** 2 for k in level) / 2
+        bend = bend * only(channel, self.of)
         if self.sensor:
             bend = bend * warmth(channel, self.sensor, self.minus, self.tau)
         unit, of_height = ("1/(mm K)", "1/(mm2 K)") if self.sensor else ("1/mm", "1/mm2")
@@ -71,7 +74,7 @@ class Refraction(Effect):
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         pairs = [(None, None), *((s, None) for s in scene.sensors), *combinations(scene.sensors, 2)]
         for motion, station, (sensor, minus) in product(TRANSLATIONS, scene.stations, pairs):
-            fields = {"motion": motion, "station": station, "sensor": sensor, "minus": minus}
+            fields = {"motion": motion, "station": station, "sensor": sensor, "minus": minus, "of": scene.of}
             for tau in lags(scene)[::2] if sensor else (0.0,):
                 yield cls.model_validate({**fields, "tau": tau})
             if not sensor:

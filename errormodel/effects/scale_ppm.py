@@ -12,14 +12,15 @@ from errormodel.channels import POINT_CHANNELS
 from errormodel.conventions import FRAME, TRANSLATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import in_runs, run_channels, switched, warmth
+from errormodel.effects.shared import in_runs, only, run_channels, switched, warmth
 from errormodel.machine import Machine, Vector
 
 
 class ScalePpm(Effect):
     """Relative error of all lengths (1), or of those of a `run`, or several; with a `sensor` per K over 20 degC (1/K).
 
-    Lengths are those from the `station`: about another point a scale that changes would leave a shift.
+    Lengths are those from the `station`: about another point a scale that changes would leave a shift. `of` is the
+    observation that it acts on, or ``points``; without it all of them.
     """
 
     effect: ClassVar[str] = "scale-ppm"
@@ -32,6 +33,7 @@ class ScalePpm(Effect):
     station: Vector = (0.0, 0.0, 0.0)  # mm, in the reference's axes
     sensor: str | None = None  # temperature of the air
     run: str | tuple[str, ...] | None = None
+    of: str | None = None
 
     @property
     def where(self) -> str:
@@ -48,13 +50,14 @@ class ScalePpm(Effect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         factor = warmth(channel, self.sensor) if self.sensor else 1.0
         factor = factor * in_runs(channel, self.run) if self.run else factor
+        factor = factor * only(channel, self.of)
         lengths = (channel(p) - s for p, s in zip(POINT_CHANNELS, self.station, strict=True))
         motion = {name: factor * length for name, length in zip(TRANSLATIONS, lengths, strict=True)}
         return [EffectTerm(FRAME, "", "1/K" if self.sensor else "1", motion, 1e-6 if self.sensor else 5e-6)]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        yield cls()  # about the station it is the same: the measuring frame takes the shift
+        yield cls(of=scene.of)  # about the station it is the same: the measuring frame takes the shift
         for station in scene.stations:
-            yield from (cls(station=station, sensor=sensor) for sensor in scene.sensors)
-            yield from (cls(station=station, run=run) for run in switched(scene.runs))
+            yield from (cls(station=station, sensor=sensor, of=scene.of) for sensor in scene.sensors)
+            yield from (cls(station=station, run=run, of=scene.of) for run in switched(scene.runs))

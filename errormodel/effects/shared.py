@@ -169,6 +169,11 @@ def in_runs(channel: Channels, run: str | tuple[str, ...]) -> Value:
     return sum(map(channel, run_channels(run)))
 
 
+def only(channel: Channels, of: str | None) -> Value:
+    """1 in the rows of an observation, or of ``points``, else 0; 1 in all rows without it."""
+    return 1.0 if of is None else channel(f"of({of})")
+
+
 def switched(runs: Sequence[str], *, constant: bool = False) -> Iterator[str | tuple[str, ...]]:
     """Labels of runs in which something may act, and in the others not: of few any, of many from one to another.
 

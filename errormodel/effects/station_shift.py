@@ -15,7 +15,7 @@ from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS
 from errormodel.effects.base import MOMENT, Channels, Effect, EffectTerm, ShapeParameter
 from errormodel.effects.families import Traits
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import each_motion, in_runs, moments, run_channels, since, switched
+from errormodel.effects.shared import each_motion, in_runs, moments, only, run_channels, since, switched
 from errormodel.machine import Machine
 
 # log odds against a step in the order of the rows. By judgement, from recordings: what drifts or was measured in blocks
@@ -28,7 +28,8 @@ class StationShift(Effect):
 
     Without a clock, those from a `row` of the file on: rows stand in the order in which they were measured.
 
-    Without `turned` only the three displacements: a foot or fixture that slid.
+    Without `turned` only the three displacements: a foot or fixture that slid. `of` is the observation whose instrument
+    it was, or ``points``; without it that of all.
     """
 
     effect: ClassVar[str] = "station-shift"
@@ -45,6 +46,7 @@ class StationShift(Effect):
     row: Annotated[float | None, ShapeParameter("1", place=True, sudden=True, said=False)] = None  # counted from 1
     run: str | tuple[str, ...] | None = None
     turned: bool = True
+    of: str | None = None
 
     @model_validator(mode="after")
     def _one_of_them(self) -> Self:
@@ -73,13 +75,14 @@ class StationShift(Effect):
             after = in_runs(channel, self.run)
         else:
             after = since(channel, self.at) if self.at is not None else since(channel, self.row or 0.0, "row")
+        after = after * only(channel, self.of)
         return each_motion(FRAME, MOTIONS if self.turned else TRANSLATIONS, after, (0.02, 2e-5))
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for run in switched(scene.runs, constant=True):
-            yield from (cls(run=run, turned=turned) for turned in (True, False))
+            yield from (cls(run=run, turned=turned, of=scene.of) for turned in (True, False))
         for at in moments(scene):
-            yield from (cls(at=at, turned=turned) for turned in (True, False))
+            yield from (cls(at=at, turned=turned, of=scene.of) for turned in (True, False))
         for row in () if scene.runs else moments(scene, "row"):  # the labels of runs are a clock
-            yield from (cls(row=row, turned=turned) for turned in (True, False))
+            yield from (cls(row=row, turned=turned, of=scene.of) for turned in (True, False))

@@ -15,14 +15,14 @@ from errormodel.conventions import FRAME, MOTIONS
 from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm, ShapeParameter
 from errormodel.effects.families import Traits
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import each_motion, settling, start_of
+from errormodel.effects.shared import each_motion, only, settling, start_of
 from errormodel.machine import Machine
 
 
 class TrackerDrift(Effect):
     """Six motions of the measuring frame (mm, rad): linear in time over `duration`, or settling with `tau`.
 
-    All times are in s.
+    All times are in s. `of` is the observation whose instrument drifts, or ``points``; without it that of all.
     """
 
     effect: ClassVar[str] = "tracker-drift"
@@ -35,6 +35,7 @@ class TrackerDrift(Effect):
     start: Annotated[float, FIXED] = 0.0  # s
     duration: Annotated[float, FIXED] = Field(3600.0, gt=0)  # s
     tau: Annotated[float, ShapeParameter("s")] = Field(0.0, ge=0)  # s; 0: even drift
+    of: str | None = None
 
     @classmethod
     def traits(cls) -> Traits:
@@ -52,11 +53,11 @@ class TrackerDrift(Effect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         even = (channel("time") - self.start) / self.duration
         grown = settling(channel, self.tau, self.start) if self.tau else even
-        return each_motion(FRAME, MOTIONS, grown, (0.02, 1e-5))
+        return each_motion(FRAME, MOTIONS, grown * only(channel, self.of), (0.02, 1e-5))
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         if scene.duration:
             start, duration = round(start_of(scene), 1), round(scene.duration, 1)
             for tau in (0.0, *(duration * 0.04 * 1.6**k for k in range(7))):
-                yield cls(start=start, duration=duration, tau=tau)
+                yield cls(start=start, duration=duration, tau=tau, of=scene.of)

@@ -62,7 +62,7 @@ class Field:
         numeric = table.select_dtypes("number").median()
         state = {str(name): float(value) for name, value in numeric.items() if np.isfinite(value)}
         for name in map(root, chain.channels):
-            if name not in (*state, *TOOL_CHANNELS) and not name.startswith(("dir_", "run(")):
+            if name not in (*state, *TOOL_CHANNELS) and not name.startswith(("dir_", "run(", "of(")):
                 found = f"no column '{name}', which an effect of this machine needs"
                 raise InputError("residuals.csv", found, "Run the fit again")
         return cls(chain, chain.vector(known), movers_of(chain), state)

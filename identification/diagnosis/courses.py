@@ -16,6 +16,7 @@ from identification.diagnosis.decisions.log import DecisionLog, ratio
 from identification.diagnosis.extension import Explanation, that_predicts
 from identification.diagnosis.jumps import jump_of
 from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.linear.row_residuals import noise_mm, spread
 from identification.diagnosis.results.nameless_alternative import refusal
 from identification.diagnosis.results.nameless_evidence import best_of
@@ -70,10 +71,18 @@ def with_courses(
 def _left(found: Explanation, progress: Progress, log: DecisionLog) -> Dependence | None:
     """On what it depends what is left."""
     with progress("Testing what is left"):
-        components, start = 3 if found.final.fitted.n else 1, found.model.start
+        components, linear, start, fit = (
+            3 if found.final.fitted.n else 1,
+            found.model.linear,
+            found.model.start,
+            found.before,
+        )
+        if fit.problem.readings and len({v.kind for v in fit.problem.views}) > 1:
+            fit = found.final  # what was found had been noise of some kinds, and not of others
+            linear = start = set_up(fit)
         # of one whitened observation: where noise was declared it is not what the fit before left
-        sigma_um = 1e3 * noise_mm(found.before) / float(np.sqrt(start.square / start.freedom))
-        return dependence_of(found.model.linear, sigma_um, log, components, found.wave)
+        sigma_um = 1e3 * noise_mm(fit) / float(np.sqrt(start.square / start.freedom))
+        return dependence_of(linear, sigma_um, log, components, found.wave)
 
 
 def _fitted(

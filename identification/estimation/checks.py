@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.chain import Chain
+from errormodel.channels import POINTS
 from errormodel.exceptions import InputError, nearest
 from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.survey import Survey
@@ -44,6 +45,9 @@ def check_runs(chain: Chain, survey: Survey) -> None:
         if name.startswith("run(") and name[4:-1] not in runs:
             found = f"an effect of this machine goes with {name}, a run that no fitted row is of"
             raise InputError(str(survey.source), found, nearest(name[4:-1], runs))
+        if name.startswith("of(") and name != POINTS and name[3:-1] not in survey.observations:
+            found = f"an effect of this machine is of {name[3:-1]}, which is no observation of the survey"
+            raise InputError(str(survey.source), found, nearest(name[3:-1], ["points", *survey.observations]))
 
 
 def check_redundant(survey: Survey, problem: Problem) -> None:

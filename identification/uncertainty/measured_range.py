@@ -25,7 +25,7 @@ ROUND_SHARE = 1 - RANGE_MARGIN_SHARE
 STEP_SLACK = 1.1  # of the largest step: positions read from a scale are not quite those of equal steps; by judgement
 _BY_THE_CLOCK = ("lag(", "initial(", "rate(")  # channels that follow from the times of the rows, too
 # Prefixes of channels that have no range, or whose unidentified share is in the uncertainty of `predict`
-_UNRANGED_PREFIXES = ("dir_", "run(", "point_", "tool_")
+_UNRANGED_PREFIXES = ("dir_", "run(", "of(", "point_", "tool_")
 
 
 def all_round(positions: Array) -> bool:

@@ -107,6 +107,26 @@ def test_of_long_recordings_few_times_are_kept(chain: Chain) -> None:
     np.testing.assert_allclose(went_on[number], chain.columns(table)[number][2000::90], atol=0.01)  # K
 
 
+def begun_again(table: pd.DataFrame, rows: int) -> pd.DataFrame:
+    """The rows from a number on in a file whose time begins as that of the first does."""
+    after = np.arange(len(table)) >= rows
+    time = table["time"] - np.where(after, table["time"][rows] - table["time"][0], 0.0)
+    return table.assign(file=np.where(after, "q.csv", "p.csv"), time=time)
+
+
+def test_files_on_one_clock_are_one_series(chain: Chain) -> None:
+    """A laser's file after a tracker's, in any order, or a test file after that of the fit: heat goes on."""
+    table = warming(chain)
+    number = chain.channels.index(LAG)
+    whole = chain.columns(table)[number]
+    files = table.assign(file=np.repeat(["points.csv", "laser.csv"], [50, 30]))
+    np.testing.assert_allclose(chain.columns(files)[number], whole, rtol=1e-12)
+    order = np.r_[50:80, 0:50]
+    turned = files.iloc[order].reset_index(drop=True)
+    np.testing.assert_allclose(chain.columns(turned)[number], whole[order], rtol=1e-12)
+    assert temperatures_of(chain, files)
+
+
 @pytest.mark.parametrize("case", ["earlier times", "one time", "clocks of their own", "recorded with clocks"])
 def test_other_clocks_start_anew(chain: Chain, case: str) -> None:
     table = warming(chain)
@@ -116,9 +136,9 @@ def test_other_clocks_start_anew(chain: Chain, case: str) -> None:
     elif case == "one time":
         later["time"] = 9000.0
     elif case == "clocks of their own":
-        later["file"] = np.repeat(["p.csv", "q.csv"], 15)
+        later = begun_again(later, 15)
     else:
-        first = first.assign(file=np.repeat(["s.csv", "r.csv"], 25))
+        first = begun_again(first, 25)
     history = temperatures_of(chain, first)
     assert bool(history) == (case != "recorded with clocks")
     anew = chain.columns(later)

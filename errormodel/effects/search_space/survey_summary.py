@@ -30,6 +30,7 @@ class Scene:
     motions_of : the one joint whose error motions were measured, if so; no other element can then cause them.
     unusable : temperature sensors that are left out of the columns, each with the reason.
     readings : types of single readings in the survey, such as distances; empty where there are none.
+    positions : whether positions were measured as well, or alone.
     """
 
     machine: Machine
@@ -38,6 +39,12 @@ class Scene:
     motions_of: str = ""
     unusable: Mapping[str, str] = field(default_factory=dict)
     readings: tuple[str, ...] = ()
+    positions: bool = True
+
+    @property
+    def of(self) -> str | None:
+        """What an effect of the instrument acts on: beside single readings, of instruments of their own, on points."""
+        return "points" if self.readings and self.positions else None
 
     @cached_property
     def all_motions(self) -> bool:

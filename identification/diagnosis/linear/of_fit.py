@@ -76,7 +76,13 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     dead = dead_sensors(survey)
     read = tuple(dict.fromkeys(v.kind for v in problem.readings))
     scene = Scene(
-        chain.machine, _scene_columns(survey, table, chain, dead), _stations(fit), survey.motions_of, dead, read
+        chain.machine,
+        _scene_columns(survey, table, chain, dead),
+        _stations(fit),
+        survey.motions_of,
+        dead,
+        read,
+        any(not isinstance(v, ReadingView) for v in problem.views),
     )
     left = residual - q @ (q.T @ residual)
     noise = noise_mm(fit)

@@ -18,7 +18,7 @@ from identification.diagnosis.search.model import EffectModel
 from identification.estimation.result import Fit
 from identification.uncertainty.measured_range import all_round
 
-TWO_VALUES = ("dir_", "run(")  # channels that have no value beyond those recorded
+TWO_VALUES = ("dir_", "run(", "of(")  # channels that have no value beyond those recorded
 PLACES, FINE = 16, 256  # rows whose other channels are kept, and steps along one, for its slopes
 SAMPLES, LENGTHS = 16, (1 / 32, 1.0)  # steps of a course in time, and its shortest and longest correlation length
 SAME = 1e-3  # standard deviations: what moves less stands still
