@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from errormodel.chain import Chain
 from errormodel.channels import POINTS
@@ -169,6 +170,30 @@ def check_readings(fit: Fit) -> None:
             "observation, or type"
         )
         raise InputError(f"{fit.survey.source}, observation {label}", found, cure)
+    _refuse_contradiction(fit, names)
+
+
+def _refuse_contradiction(fit: Fit, names: NDArray[np.object_]) -> None:
+    """InputError where the fit takes some readings far from a machine that they fit, for others that lie beside it."""
+    assert fit.readings is not None
+    sizes: dict[str, tuple[float, float]] = {}
+    for label, observation in fit.survey.observations.items():
+        nominal, fitted = (r[(names == label) & np.isfinite(r)] for r in (fit.readings.nominal, fit.readings.fitted))
+        if observation.reading == "length" and len(fitted):
+            sizes[label] = float(np.sqrt(np.mean(nominal**2))), float(np.sqrt(np.mean(fitted**2)))
+    worse = [k for k, (a, b) in sizes.items() if b > max(WILD * a, MACHINE_ERROR_SHARE * fit.chain.size)]
+    if not worse:
+        return
+    wrong, lost = max(sizes, key=lambda k: sizes[k][0]), max(worse, key=lambda k: sizes[k][1])
+    cause = "the rest of the survey"
+    if wrong != lost:
+        cause = f"those of '{wrong}', which lie {sizes[wrong][0]:.3g} mm beside it"
+    raise InputError(
+        f"{fit.survey.source}, observation {lost}",
+        f"its readings lie {sizes[lost][0]:.2g} mm rms beside the nominal machine, and {sizes[lost][1]:.3g} mm beside "
+        f"the fit, for {cause}: no machine has both",
+        "Look for a wrong command, unit, tool, or known number there",
+    )
 
 
 def noise_notes(fit: Fit) -> Iterator[str]:
