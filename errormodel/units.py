@@ -64,7 +64,7 @@ class UnitsBlock(FileModel):
     @field_validator("*")
     @classmethod
     def _fits(cls, unit: str, info: ValidationInfo) -> str:
-        quantity = str(info.field_name)
+        quantity = {"reading": "angle"}.get(str(info.field_name), str(info.field_name))
         if not is_unit(unit, quantity):
             raise ValueError(f"Write a unit of {quantity}, such as {UNIT_EXAMPLES[quantity]}")
         return unit

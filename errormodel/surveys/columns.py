@@ -133,6 +133,8 @@ def unit_of_column(name: str, quantity: Quantity, units: SurveyUnits) -> str:
     for own in (name, _READING_OF.get(name)):
         if own in units.of_columns:
             return str(units.of_columns[own])
+    if name in ("angle", "u_angle"):
+        return units.reading
     plain = name in ANGLE_COLUMNS or quantity in ("speed", "mass")
     return INTERNAL_UNITS[quantity] if plain else str(getattr(units, quantity))
 

@@ -44,6 +44,7 @@ class SurveyUnits(UnitsBlock):
 
     time: str = Field("s", description="a unit of time, such as s, ms, min or h")
     temperature: str = Field("degC", description="a unit of temperature, such as degC, K or degF")
+    reading: str = Field("rad", description="unit of the column angle, whose name is that of a kind, such as arcsec")
 
     @property
     def of_columns(self) -> dict[str, Any]:

@@ -169,6 +169,8 @@ def check_readings(fit: Fit) -> None:
             "Errors of a machine go less far: look for a wrong unit, sign, column, tool, known number of that "
             "observation, or type"
         )
+        if not length:
+            cure += ". A column angle is in rad unless units: {reading: arcsec} says another"
         raise InputError(f"{fit.survey.source}, observation {label}", found, cure)
     _refuse_contradiction(fit, names)
 

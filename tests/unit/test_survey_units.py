@@ -198,3 +198,16 @@ def test_a_sign_that_may_be_wrong_is_no_other_zero_to_add(tmp_path: Path):
     (note,) = [n for n in read_survey(tmp_path / "s.csv", machine, measured=False).notes if "outside" in n]
     assert f"the sign of {joint.name} is wrong, or its zero" in note
     assert "add" not in note
+
+
+def test_readings_of_angles_have_a_unit_of_their_own(tmp_path: Path) -> None:
+    """The name of their column is that of the unit of rotary joints."""
+    frame = poses()[[*JOINTS]].assign(observation="A", angle=np.linspace(-4, 4, len(poses())))
+    write_csv(frame, tmp_path / "s.csv")
+    entry = "observations: {A: {type: line-angle, axis: [0, 1, 0]}}\n"
+    read = read_survey(yaml(tmp_path, f"{entry}units: {{angle: deg, reading: arcsec}}"), MACHINE).table["angle"]
+    np.testing.assert_allclose(read, np.deg2rad(frame["angle"] / 3600), rtol=1e-12)
+    plain = read_survey(yaml(tmp_path, f"{entry}units: {{angle: deg}}"), MACHINE).table["angle"]
+    np.testing.assert_allclose(plain, frame["angle"], rtol=1e-12)
+    with pytest.raises(InputError, match="a unit of angle"):
+        read_survey(yaml(tmp_path, f"{entry}units: {{reading: mm}}"), MACHINE)
