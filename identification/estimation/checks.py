@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.channels import POINTS
 from errormodel.exceptions import InputError, nearest
@@ -175,7 +175,7 @@ def check_readings(fit: Fit) -> None:
     _refuse_contradiction(fit, names)
 
 
-def _refuse_contradiction(fit: Fit, names: NDArray[np.object_]) -> None:
+def _refuse_contradiction(fit: Fit, names: Array) -> None:
     """InputError where the fit takes some readings far from a machine that they fit, for others that lie beside it."""
     assert fit.readings is not None
     sizes: dict[str, tuple[float, float]] = {}
