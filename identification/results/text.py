@@ -80,10 +80,9 @@ def fit_lines(analysis: Analysis) -> Iterator[str]:
         yield from _reading_lines(fit, fit.readings)
     if not fit.fitted.n:
         yield from _level_lines(fit)
-    yield from _set_up_lines(
-        [v for v in set_ups(fit) if v.type == "target"],
-        "places of targets in the last frame, of a machine whose last members have no constant errors",
-    )
+    places = [v for v in set_ups(fit) if v.type == "target"]
+    of = ", of a machine whose last members have no constant errors" if any(v.relative_to for v in places) else ""
+    yield from _set_up_lines(places, f"places of targets in the last frame{of}")
     if fit.inflation > 1 and fit.declared:
         yield f"residuals exceed the declared uncertainty: standard uncertainties are multiplied by {fit.inflation:.2f}"
     yield from _outlier_lines(fit)

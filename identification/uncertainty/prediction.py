@@ -21,6 +21,7 @@ from identification.observation.assembly import frame_columns, frame_labels
 from identification.observation.frames import rotation_notes
 from identification.observation.pose import IDENTITY, Pose
 from identification.results.stored_fit import StoredFit
+from identification.uncertainty.estimated_targets import estimated_targets
 from identification.uncertainty.measured_range import beyond_notes
 from identification.uncertainty.one_side import from_other_sides
 from identification.uncertainty.other_effects import OtherEffect, unrecorded, with_other_effects
@@ -165,6 +166,7 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     mistakes = (MISTAKE.format(text=text) for text in mended_words(fit.chain.machine))
     changes = (
         *late,
+        *estimated_targets(fit.chain.machine, points.table),
         *unrecorded(fit.others, fit.chain.machine, points.table),
         *ended,
         *idle,
