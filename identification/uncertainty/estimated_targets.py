@@ -27,6 +27,6 @@ def estimated_targets(machine: Machine, table: pd.DataFrame) -> Iterator[str]:
             where = ", ".join(f"{v:g}" for v in place)
             yield (
                 f"{count} point{'s' if count > 1 else ''} with the tool at {where} {'are' if count > 1 else 'is'} "
-                f"taken to be of the target {effect.target or 'there'}, where the survey found it. Of another tool that is "
-                "exactly there its place, and its uncertainty, are other ones"
+                f"taken to be of the target {effect.target or 'there'}, where the survey found it. Of another tool that "
+                "is exactly there its place, and its uncertainty, are other ones"
             )
