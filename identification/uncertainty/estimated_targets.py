@@ -24,9 +24,8 @@ def estimated_targets(machine: Machine, table: pd.DataFrame) -> Iterator[str]:
         place = effect.tool or machine.tool
         count = int((np.abs(tools - place).sum(axis=1) < SAME_TOOL_MM).sum())
         if count:
-            where = ", ".join(f"{v:g}" for v in place)
+            where, are = ", ".join(f"{v:g}" for v in place), "points" if count > 1 else "point"
             yield (
-                f"{count} point{'s' if count > 1 else ''} with the tool at {where} {'are' if count > 1 else 'is'} "
-                f"taken to be of the target {effect.target or 'there'}, where the survey found it. Of another tool that "
-                "is exactly there its place, and its uncertainty, are other ones"
+                f"{count} {are} with the tool at {where} count as the target {effect.target or 'there'}, whose place "
+                "the survey found: another tool that is exactly there has another place, and uncertainty"
             )

@@ -70,8 +70,10 @@ def test_a_place_that_nobody_knows_is_an_unknown(tmp_path: Path) -> None:
     error, u = off(free)
     assert np.sqrt(np.square(error).mean()) < NOISE
     new = poses(5, 2).assign(**dict(zip(("tool_x", "tool_y", "tool_z"), STATED[0], strict=True)))
-    assert any("5 points with the tool at 80, -140, 0 are taken to be" in n for n in predict(free, new).attrs["notes"])
-    assert not any("taken to be of" in n for n in predict(free, new.assign(tool_x=81.0)).attrs["notes"])
+    assert any(
+        "5 points with the tool at 80, -140, 0 count as the target T1" in n for n in predict(free, new).attrs["notes"]
+    )
+    assert not any("count as the target" in n for n in predict(free, new.assign(tool_x=81.0)).attrs["notes"])
     assert (np.abs(error) < 2 * u).mean() > 0.85
     assert not {"L6.dx", "L6.dy", "L6.dz", "L6.ea", "L6.eb", "L6.ec"} & {*free.parameters.index}  # in their groups
     assert any("L6.dz" in m for m in free.parameters.loc["tool.dz.target-offset-T1", "members"])
