@@ -1,4 +1,7 @@
-"""Tables of positioning tests (ISO 230-2): target, measured position or deviation, cycle or run, direction."""
+"""Tables of positioning tests (ISO 230-2): target, measured position or deviation, cycle or run, direction.
+
+Other columns are handed on as they are: times, temperatures and other channels are recorded beside the readings.
+"""
 
 from __future__ import annotations
 
@@ -138,9 +141,16 @@ class PositioningTest(RawFormat):
         rows = motion_rows(joint, np.degrees(position) if usual == "deg" else position, reading, own, run, side)
         units = {joint.name: usual} | {name: unit_of(name) for name in MOTIONS if name in rows}
         read = {name: read_as for name in MOTIONS if name in rows} | {joint.name: ReadAs("target", unit)}
+        beside = [n for n in map(str, frame) if n not in found.values()]
+        if twice := [n for n in beside if n in (*rows, *MOTIONS)]:
+            notes.append(f"columns not used: {', '.join(twice)}")
+        beside = [n for n in beside if n not in twice]
+        rows[beside] = frame[beside]
         return Recording(
-            rows, units, table.lines, (*table.notes, *notes), beside_targets="actual" in found, read_as=read
-        )
+            rows, units | {n: table.units[n] for n in beside if n in table.units}, table.lines,
+            (*table.notes, *notes), table.dated, length_unit=table.length_unit, beside_targets="actual" in found,
+            read_as=read,
+        )  # fmt: skip
 
 
 def _refuse_unlike(table: Recording, found: dict[str, str], name: str, deviation: Array, less: Array) -> None:

@@ -26,7 +26,7 @@ from identification.importing.dwells import Dwells, find_dwells
 from identification.importing.matching import NAMED, Matched, by_name, by_time, common_names
 from identification.importing.pairing import Pairs, left_over, reading_notes, rest_notes, row_by_row
 from identification.importing.reading_gaps import with_gaps
-from identification.importing.reading_proof import Candidate, Chosen, chosen
+from identification.importing.reading_proof import Candidate, Chosen, both_poses, chosen
 from identification.importing.sources import SourceFile, Wishes
 
 OPTION = "--observation"
@@ -224,6 +224,8 @@ def _part(
     else:
         kept = np.ones(len(first), dtype=bool)
         candidates = [*_by_order(len(first), expected, observation.poses)]
+        if both_poses(chain, commands):  # then nobody counts from another command
+            candidates = [c for c in candidates if c.start is None] or candidates
     if not candidates and wishes.match in ("auto", "order"):
         passing = with_gaps(chain, commands, observation, means)
         candidates = [] if passing is None else [passing]

@@ -186,6 +186,13 @@ def lying(
     return Lying(readings, kernels_of(chain, observation), rows, scalars, tuple(free), places), reach
 
 
+def both_poses(chain: Chain, commands: SourceFile) -> bool:
+    """Whether each row of commands has the two poses of a distance, in columns `X` and `from_X` of all joints."""
+    first = [first_pose(j.name) for j in chain.machine.joints]
+    table = commands.recording.frame
+    return {*first} <= {*map(str, table)} and bool(table[first].notna().all(axis=None))
+
+
 def chosen(
     chain: Chain, commands: SourceFile, observation: Observation, candidates: list[Candidate], readings: Array,
     where: str,

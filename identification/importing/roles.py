@@ -6,7 +6,7 @@ The names are those that laboratories use. What is found is written into ``surve
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from errormodel.machine import Machine
@@ -120,6 +120,13 @@ _SURVEYED = {
     "y": r"n|north(ing)?|nord|hoch(wert)?",
     "z": r"h|u|up|height|elev(ation)?|h(oe|\u00f6)he",
 }
+
+
+def channels(found: Mapping[str, str], given: Collection[str], machine: Machine) -> dict[str, str]:
+    """Of the columns found: those given, and what stands beside readings of one joint: times, channels, positions."""
+    joints = [name for j in machine.joints for name in j.columns]
+    beside = ("time", "feed", "load", *joints)
+    return {n: t for n, t in found.items() if n in given or n in beside or n.startswith(("T_", "w_"))}
 
 
 def _bare(name: str) -> str:

@@ -26,6 +26,7 @@ from errormodel.units import factor, is_unit
 from identification.importing.end_points import calibrated, end_points
 from identification.importing.roles import (
     Kind,
+    channels,
     commands_by_place,
     nominal_and_actual,
     position_column,
@@ -258,6 +259,7 @@ def open_source(
         if single.reading not in own and (bar := calibrated([n for n in names if n not in own.values()])):
             own[single.reading] = bar
     found = roles(spelt, machine, kind, own)
+    found = channels(found, own, machine) if form.of_pairs else found
     if single is not None:
         found = reading_roles(spelt, machine, found, single.reading)
     refuse_words(recording, found, machine, str(path), of_commands)

@@ -125,6 +125,22 @@ def test_a_step_gauge_says_itself_from_where_it_counts(what: str, how: str, star
     np.testing.assert_allclose(table["length"], nominal, atol=0.1)  # errors of a machine
 
 
+@pytest.mark.parametrize("match", ["auto", "order"])
+def test_a_plan_with_both_poses_in_each_row_says_from_where_lengths_count(match: str, tmp_path: Path) -> None:
+    """Lengths from one end of a gauge would fit the first command as well, were it not for the poses in the plan."""
+    first = GAUGE.iloc[0]
+    plan = GAUGE.iloc[1:].assign(from_X=first["X"], from_Y=first["Y"], from_Z=first["Z"])
+    at = tips(MACHINE, TRUE, GAUGE)
+    plan.to_csv(tmp_path / "plan.csv", index=False)
+    data = listed(tmp_path, "gauge.txt", np.linalg.norm(at[1:] - at[0], axis=1))
+    result = import_survey(data, MILL, commands=tmp_path / "plan.csv", match=match, observation="pose-distance")
+    table = result.survey.table
+    assert len(table) == len(plan)
+    np.testing.assert_allclose(table["X"], plan["X"])
+    assert (table["from_X"] == first["X"]).all()
+    assert "as the commands have both poses" in result.summary()
+
+
 def test_a_ball_bar_is_two_commands_a_reading(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     middle, way = rng.uniform([-150, -100, 250], [150, 100, 400], (8, 3)), rng.normal(size=(8, 3))
