@@ -22,13 +22,16 @@ from errormodel.machine_file import read_machine
 from errormodel.observations import registry
 from errormodel.observations.base import Observation
 from errormodel.simulation_readings import readings_at
+from errormodel.survey import Survey
 from errormodel.truth import Truth
 from identification.diagnosis.decisions.constants import ABSORBED
+from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.linear.row_residuals import METRE, noise_mm, spread, vectors
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.diagnosed import Diagnosed
 from identification.diagnosis.results.pure_error import repeats_of
+from identification.diagnosis.results.verdict import judge
 from identification.diagnosis.search.candidates import Candidates
 from identification.estimation.fit import fit_machine
 from identification.observation.assembly import build
@@ -186,16 +189,35 @@ def test_repeats_of_readings_are_of_one_observation_each() -> None:
     """Poses read from four stations are no repeats; the same poses read again are, in the noise of a length."""
     rng = np.random.default_rng(6)
     once = benchmark.stations(rng, None, 4)
-    assert repeats_of(fit_machine(MACHINE, once)) is None
-    twice = pd.concat([once.table, once.table], ignore_index=True)
+    assert repeats_of(fit_machine(MACHINE, once)) == ()
+    repeats = repeats_of(fit_machine(MACHINE, _twice(once, rng)))
+    assert [(r.observation, r.poses, r.count) for r in repeats] == [(a, 160, 160) for a in once.observations]
+    for own in repeats:
+        assert own.sigma_um == pytest.approx(3.0, rel=0.2)
+        assert not own.misfit
+        assert f"one reading of {own.observation} repeats" in own.text
+
+
+def test_repeats_of_an_observation_are_compared_with_its_own_residuals() -> None:
+    """One station of four has errors that repeat: its type's noise is estimated with them, and the others are right."""
+    rng = np.random.default_rng(6)
+    data = benchmark.stations(rng, None, 4)
+    wrong = data.table["observation"].to_numpy() == "B"
+    data.table.loc[wrong, "length"] += 0.012 * np.sin(data.table.loc[wrong, "X"] / 3.0)
+    log = DecisionLog()
+    verdict = judge(fit_machine(MACHINE, _twice(data, rng)), True, log=log)
+    assert verdict.word == "partly-explained"
+    assert "um rms of B where repeated poses let expect 3." in (verdict.unexplained or "")
+    assert "of A where" not in (verdict.unexplained or "")
+    told = {d.where: d.outcome for d in log if d.rule == "lack-of-fit-by-repeats"}
+    assert told["residuals of B"] == "found"
+
+
+def _twice(data: Survey, rng: np.random.Generator) -> Survey:
+    twice = pd.concat([data.table, data.table], ignore_index=True)
     twice["length"] += rng.normal(0, 3e-3, len(twice))
     twice["row"] = np.arange(1, len(twice) + 1)
-    repeats = repeats_of(fit_machine(MACHINE, replace(once, table=twice)))
-    assert repeats is not None
-    assert (repeats.poses, repeats.count) == (640, 640)
-    assert repeats.sigma_um == pytest.approx(3.0, rel=0.1)
-    assert not repeats.misfit
-    assert "one reading repeats" in repeats.text
+    return replace(data, table=twice)
 
 
 def test_sizes_of_mixed_rows_are_distances_and_lengths_and_angles_alone_count_at_a_metre() -> None:

@@ -29,9 +29,7 @@ def waves(bumps: float) -> tuple[Machine, Survey]:
 
 
 def test_repeats_show_what_a_model_lacks() -> None:
-    clean, rough = (repeats_of(fit_machine(*waves(bumps))) for bumps in (0.0, 0.006))
-    assert clean is not None
-    assert rough is not None
+    ((clean,), (rough,)) = (repeats_of(fit_machine(*waves(bumps))) for bumps in (0.0, 0.006))
     assert (clean.poses, clean.count) == (30, 30)
     assert clean.sigma_um == pytest.approx(1e3 * NOISE, rel=0.25)
     assert clean.ratio == pytest.approx(1, abs=0.4)
@@ -44,7 +42,7 @@ def test_repeats_show_what_a_model_lacks() -> None:
 def test_readings_in_a_row_are_one_visit() -> None:
     machine = read_machine("vertical_three_axis")
     table = random_points(machine, 60, 8).iloc[np.repeat(np.arange(60), 3)].reset_index(drop=True)
-    assert repeats_of(fit_machine(machine, survey_of(machine, table, {}))) is None
+    assert repeats_of(fit_machine(machine, survey_of(machine, table, {}))) == ()
 
 
 @pytest.mark.parametrize(("found", "word"), [(False, "unexplained"), (True, "partly-explained")])

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.arrays import Array, Index
+from errormodel.arrays import Array, Index, Mask
 from errormodel.surveys.observations import start_of
 from identification.diagnosis.decisions.constants import LEAST_P_VALUE, MISFIT_RATIO
 from identification.diagnosis.linear.row_residuals import vectors
-from identification.estimation.result import Fit
+from identification.estimation.result import Fit, Spread
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import view_vector
 from identification.observation.readings import ReadingView
@@ -27,19 +27,23 @@ class Repeats:
     ----------
     poses, count : poses with more than one visit; visits beyond the first of each.
     sigma_um : standard uncertainty of one coordinate by their scatter.
+    left_um : root mean square residual of the rows, for the degrees of freedom that the fit has left.
     ratio : variance of the fit's residuals over that of the repeats, in units of each row's uncertainty.
     p_value : chance of as much lack of fit by noise alone: F test, with degrees of freedom for the noise's tails.
     misfit : whether residuals are more than repeats explain.
     points : whether points were measured; else readings.
+    observation : of which alone they are; empty for points, and for all rows together.
     """
 
     poses: int
     count: int
     sigma_um: float
+    left_um: float
     ratio: float
     p_value: float
     misfit: bool
     points: bool = True
+    observation: str = ""
 
     @property
     def text(self) -> str:
@@ -50,23 +54,41 @@ class Repeats:
             else "which is as much as the residuals hold"
         )
         what = "coordinate" if self.points else "reading"
+        of = f" of {self.observation}" if self.observation else ""
         return (
-            f"{self.poses} poses were visited again ({self.count} rows): one {what} repeats to {self.sigma_um:.2f} "
-            f"um, {words}"
+            f"{self.poses} poses were visited again ({self.count} rows): one {what}{of} repeats to "
+            f"{self.sigma_um:.2f} um, {words}"
         )
 
 
-def repeats_of(fit: Fit) -> Repeats | None:
-    """What repeated poses say of a fit; None where there are fewer than `LEAST`.
+def repeats_of(fit: Fit) -> tuple[Repeats, ...]:
+    """What repeated poses say of a fit: of its points, and of each observation, beside their own residuals.
 
-    Rows that stay at a pose are one visit, of which the first counts: readings in a row share most of what is noise.
-    Times, temperatures and sides of arrival may differ between visits, so that the scatter is noise at most.
+    All rows together where none of these has `LEAST` repeats; none where there are fewer than that. Rows that stay at a
+    pose are one visit, of which the first counts: readings in a row share most of what is noise. Times, temperatures
+    and sides of arrival may differ between visits, so that the scatter is noise at most.
     """
     white, index, what = whitened(fit)
     pose = _alike(_poses(fit)[index], what)
+    size = _of_what(vectors(fit)[index], what)
     order = np.argsort(index, kind="stable")
     visit = np.concatenate([[True], np.diff(pose[order]) != 0]) if len(order) else np.zeros(0, dtype=bool)
-    first = order[visit]
+    first = np.zeros(len(index), dtype=bool)
+    first[order[visit]] = True
+    labels = ["", *dict.fromkeys(v.label for v in fit.problem.readings)]
+    own = [
+        _repeats(fit, white[of], size[of], pose[of], first[of], labels[k])
+        for k in np.unique(what)
+        for of in [what == k]
+    ]
+    if len(own) > 1 and not any(own):
+        own = [_repeats(fit, white, size, pose, first, "")]
+    return tuple(r for r in own if r is not None)
+
+
+def _repeats(fit: Fit, white: Array, size: Array, pose: Index, visit: Mask, observation: str) -> Repeats | None:
+    """What the rows of one kind say; `visit`: those with which a visit of a pose begins."""
+    first = np.flatnonzero(visit)
     _, group, counts = np.unique(pose[first], return_inverse=True, return_counts=True)
     again = counts[group] > 1
     first, group = first[again], group[again]
@@ -74,11 +96,12 @@ def repeats_of(fit: Fit) -> Repeats | None:
     if count < LEAST:
         return None
     within, dof = _within(white[first], group)
-    scatter, measured = _within(1e3 * _of_what(vectors(fit)[index[first]], what[first]), group)
+    scatter, measured = _within(1e3 * size[first], group)
     seen = np.isfinite(white)
     square, pure = float(np.nansum(white**2)), float(np.nansum(within**2))
     s = fit.solution
-    dof_all = int(seen.sum()) * s.dof / max(sum(x.count for x in s.sums.values()), 1)
+    every = max(sum(x.count for x in s.sums.values()), 1)
+    dof_all = int(seen.sum()) * s.dof / every
     if dof <= 0 or dof_all <= dof or pure <= 0:
         return None
     from scipy.special import fdtrc
@@ -92,7 +115,9 @@ def repeats_of(fit: Fit) -> Repeats | None:
     p_value = float(fdtrc(*freedom, (square - pure) / rest / (pure / dof)))
     misfit = ratio > MISFIT_RATIO and p_value < LEAST_P_VALUE
     sigma = float(np.sqrt(np.nansum(scatter**2) / max(measured, 1)))
-    return Repeats(poses, count, sigma, float(ratio), p_value, misfit, bool(np.isfinite(fit.residuals).any()))
+    left = Spread.of(size).rms_um * float(np.sqrt(every / max(s.dof, 1)))
+    points = not observation and bool(np.isfinite(fit.residuals).any())
+    return Repeats(poses, count, sigma, left, float(ratio), p_value, misfit, points, observation)
 
 
 def whitened(fit: Fit) -> tuple[Array, Index, Index]:

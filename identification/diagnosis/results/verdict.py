@@ -12,7 +12,7 @@ from identification.diagnosis.decisions.constants import LEAST_P_VALUE, MISFIT_R
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.row_residuals import spread, vectors
 from identification.diagnosis.results.findings import Finding
-from identification.diagnosis.results.pure_error import repeats_of, whitened
+from identification.diagnosis.results.pure_error import Repeats, repeats_of, whitened
 from identification.diagnosis.results.residual_dependence import Dependence
 from identification.diagnosis.results.wandering import wandering_text
 from identification.estimation.checks import FEW_DOF
@@ -52,34 +52,28 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
     """
     s = final.solution
     repeats = repeats_of(final)
-    notes = [repeats.text] if repeats else []
+    notes = [r.text for r in repeats]
     reason, ratio = "", 1.0  # of the variance that is left to what the noise lets expect
     declared = _exceeds_declared(final)
-    if repeats is not None:
-        word: Outcome = "found" if repeats.misfit else "passed"
-        log.add(
-            "lack-of-fit-by-repeats",
-            word,
-            "residuals",
-            repeats.ratio,
-            MISFIT_RATIO,
-            beside=f"p = {repeats.p_value:.2g}",
-        )
-    elif _declared(final) and s.dof > 0:
+    for r in repeats:
+        word: Outcome = "found" if r.misfit else "passed"
+        rows = f"residuals of {r.observation}" if r.observation else "residuals"
+        log.add("lack-of-fit-by-repeats", word, rows, r.ratio, MISFIT_RATIO, beside=f"p = {r.p_value:.2g}")
+    misfits = [r for r in repeats if r.misfit]
+    if not repeats and _declared(final) and s.dof > 0:
         word = "found" if declared else "passed"
         log.add("lack-of-fit-by-declared-uncertainty", word, "residuals", s.chi2 / s.dof, MISFIT_RATIO)
-    if repeats is not None:
-        if repeats.misfit:
-            ratio = repeats.ratio
-            reason = f"repeated poses let expect {_length(final) / np.sqrt(ratio):.1f}"
-        elif declared:
-            notes.append(
-                f"the declared uncertainty is too small by a factor of {np.sqrt(s.chi2 / s.dof):.2f}: repeated poses "
-                "scatter as much as the residuals"
-            )
+    if misfits:
+        ratio = max((r.ratio for r in misfits if r.points), default=1.0)
+        reason = "; ".join(map(_beside_repeats, misfits))
+    elif repeats and declared:
+        notes.append(
+            f"the declared uncertainty is too small by a factor of {np.sqrt(s.chi2 / s.dof):.2f}: repeated poses "
+            "scatter as much as the residuals"
+        )
     elif declared:
         ratio = s.chi2 / s.dof
-        reason = _beside_declared(final, float(np.sqrt(ratio)))
+        reason = f"{_length(final):.1f} um rms where {_beside_declared(final, float(np.sqrt(ratio)))}"
     if not found and _at_one_pose(final):
         notes.append(AT_ONE_POSE)
     wanders = wandering_text(final, log)
@@ -91,7 +85,7 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
     points = final.fitted.n > 0
     if dependence is not None and points:  # weighed by uncertainties a part may be larger than the whole, in um
         dependence = replace(dependence, size_um=min(dependence.size_um, _length(final)))
-    text = f"{_length(final):.1f} um rms where {reason}; {largest(final)}" if reason else ""
+    text = f"{reason}; {largest(final)}" if reason else ""
     depends = ""
     if dependence is not None:  # what wanders too asks for the same measurement
         depends = dependence.statement if dependence.next_measurement in wanders else dependence.text
@@ -109,6 +103,13 @@ def with_doubt(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
     return replace(
         verdict, word="partly-explained", unexplained="; ".join(filter(None, (verdict.unexplained, *doubts)))
     )
+
+
+def _beside_repeats(repeats: Repeats) -> str:
+    """What is left beside what the scatter of repeated poses lets expect."""
+    of = f" of {repeats.observation}" if repeats.observation else ""
+    expected = repeats.left_um / float(np.sqrt(repeats.ratio))
+    return f"{repeats.left_um:.1f} um rms{of} where repeated poses let expect {expected:.1f}"
 
 
 def _few(fit: Fit) -> str:
