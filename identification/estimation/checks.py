@@ -36,6 +36,7 @@ CONSTANT = 0.5  # of what a fit leaves: an offset alone that leaves less explain
 MOST_NAMED = 6  # rows in a note
 WILD = 10.0  # times the distance of four rows of five: no error motion leads a row so far from the others
 WILD_FROM = 10 * MACHINE_ERROR_SHARE  # of the machine's size: nor so far from where the nominal machine puts it
+BETTER_ODDS, BETTER_VARIANCE = 100.0, 1.3  # to 1, and times: by which a machine without errors is better; by judgement
 WRONG_UNIT_FACTOR = 100.0  # times: so far off is a declaration in another unit
 
 
@@ -115,7 +116,7 @@ def looked_over(fit: Fit) -> Fit:
     if not fit.solution.groups.rank:
         found = "no parameter can be identified: nothing of what was measured depends on one"
         raise InputError(str(fit.survey.source), found, "Measure all over the travels, as `errormodel plan` says")
-    fit = replace(fit, notes=(*fit.notes, *noise_notes(fit), *_beside(fit), *_wild(fit)))
+    fit = replace(fit, notes=(*fit.notes, *noise_notes(fit), *contradictions(fit), *_beside(fit), *_wild(fit)))
     volumetric = any(v.of_tool for v in fit.problem.views)  # who reads one joint means no other
     lost = out_of_reach(fit.problem, fit.solution)[1] if volumetric else []
     if not lost:
@@ -196,6 +197,24 @@ def _refuse_contradiction(fit: Fit, names: Array) -> None:
         f"the fit, for {cause}: no machine has both",
         "Look for a wrong command, unit, tool, or known number there",
     )
+
+
+def contradictions(fit: Fit) -> Iterator[str]:
+    """What fits the machine without errors clearly better than the fitted one: the rest of the survey is against it.
+
+    The likelihoods of normal readings are compared, each with the noise that these residuals show.
+    """
+    readings = fit.readings.errors(fit.survey) if fit.readings else ()
+    motions = fit.motions.errors(fit.survey) if fit.motions else ()
+    for name, e in (*((f"readings of {e.observation}", e) for e in readings), *((e.symbol, e) for e in motions)):
+        ratio = (e.fitted / max(e.nominal, 1e3 * EXACT_MM)) ** 2
+        clear = ratio > BETTER_VARIANCE and e.n * np.log(ratio) / 2 > np.log(BETTER_ODDS)
+        if clear and e.fitted > 1e3 * FINEST_MM:
+            yield (
+                f"{name} fit the machine without errors better ({e.nominal:.3g} {e.unit} rms) than the fitted one "
+                f"({e.fitted:.3g}), which contradicts them for the rest of the survey: look for a wrong sign, "
+                "temperature or known number, there and in the rest, and for an effect that the machine lacks"
+            )
 
 
 def noise_notes(fit: Fit) -> Iterator[str]:

@@ -347,9 +347,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             UNTESTABLE, "", "Lengths and angles that do not depend on what an effect moves cannot show it."
         ),
         "unresolved-positions": Rule(
-            UNTESTABLE, "", "An effect that repeats between the positions measured looks like another one."
-        ),
+            UNTESTABLE, "", "An effect that repeats between the positions measured looks like another one."),
         # ---- verdict
+        "fit-worse-than-nominal": Rule(
+            VERDICT, COUNT, "Observations that a machine without errors fits clearly better contradict the rest."),
         "lack-of-fit-by-repeats": Rule(
             VERDICT, "ratio of variances", "Residuals that exceed the scatter of repeated poses are unexplained.",
             _decided("LEAST_P_VALUE", "MISFIT_RATIO") + _in("results.pure_error", "LEAST"),

@@ -15,7 +15,7 @@ from identification.diagnosis.results.findings import Finding
 from identification.diagnosis.results.pure_error import Repeats, repeats_of, whitened
 from identification.diagnosis.results.residual_dependence import Dependence
 from identification.diagnosis.results.wandering import wandering_text
-from identification.estimation.checks import FEW_DOF
+from identification.estimation.checks import FEW_DOF, contradictions
 from identification.estimation.result import Fit, noise_bounds
 from identification.results.terminal import counted
 
@@ -47,8 +47,8 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
 
     Misfit is what exceeds the scatter of repeated poses; without repeats, what exceeds a declared uncertainty; what
     depends on anything recorded; and what wanders along the rows. Other noise that depends on nothing recorded is not
-    distinguished from a cause that was not. With fewer than `FEW_DOF` degrees of freedom it is not judged: residuals
-    are as small by chance.
+    distinguished from a cause that was not. Observations that the machine without errors fits better contradict others.
+    With fewer than `FEW_DOF` degrees of freedom it is not judged: residuals are as small by chance.
     """
     s = final.solution
     repeats = repeats_of(final)
@@ -80,7 +80,10 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
     few = "" if reason or s.dof >= FEW_DOF else _few(final)
     if few:
         log.add("few-degrees-of-freedom", "found", "residuals", s.dof, FEW_DOF)
-    if not reason and dependence is None and not wanders and not few:
+    against = list(contradictions(final))
+    if final.readings is not None:
+        log.add("fit-worse-than-nominal", "found" if against else "passed", "residuals", len(against), 0)
+    if not (reason or against or wanders or few) and dependence is None:
         return Verdict("explained" if found else "adequate", None, tuple(notes))
     points = final.fitted.n > 0
     if dependence is not None and points:  # weighed by uncertainties a part may be larger than the whole, in um
@@ -89,7 +92,7 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
     depends = ""
     if dependence is not None:  # what wanders too asks for the same measurement
         depends = dependence.statement if dependence.next_measurement in wanders else dependence.text
-    text = "; ".join(filter(None, (text, depends, wanders, few)))
+    text = "; ".join(filter(None, (text, *against, depends, wanders, few)))
     excess = _length(final) * float(np.sqrt(1 - 1 / ratio)) if points else 0.0
     systematic = max(excess, dependence.size_um if dependence else 0.0) / float(np.sqrt(3 if points else 1))
     return Verdict("partly-explained" if found else "unexplained", text, tuple(notes), systematic)
