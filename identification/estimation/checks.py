@@ -206,12 +206,12 @@ def contradictions(fit: Fit) -> Iterator[str]:
     """
     readings = fit.readings.errors(fit.survey) if fit.readings else ()
     motions = fit.motions.errors(fit.survey) if fit.motions else ()
-    for name, e in (*((f"readings of {e.observation}", e) for e in readings), *((e.symbol, e) for e in motions)):
+    for name, e in (*((e.observation, e) for e in readings), *((e.symbol, e) for e in motions)):
         ratio = (e.fitted / max(e.nominal, 1e3 * EXACT_MM)) ** 2
         clear = ratio > BETTER_VARIANCE and e.n * np.log(ratio) / 2 > np.log(BETTER_ODDS)
         if clear and e.fitted > 1e3 * FINEST_MM:
             yield (
-                f"{name} fit the machine without errors better ({e.nominal:.3g} {e.unit} rms) than the fitted one "
+                f"readings of {name} fit the machine without errors better ({e.nominal:.3g} {e.unit} rms) than the fitted one "
                 f"({e.fitted:.3g}), which contradicts them for the rest of the survey: look for a wrong sign, "
                 "temperature or known number, there and in the rest, and for an effect that the machine lacks"
             )
