@@ -211,9 +211,9 @@ def contradictions(fit: Fit) -> Iterator[str]:
         clear = ratio > BETTER_VARIANCE and e.n * np.log(ratio) / 2 > np.log(BETTER_ODDS)
         if clear and e.fitted > 1e3 * FINEST_MM:
             yield (
-                f"readings of {name} fit the machine without errors better ({e.nominal:.3g} {e.unit} rms) than the fitted one "
-                f"({e.fitted:.3g}), which contradicts them for the rest of the survey: look for a wrong sign, "
-                "temperature or known number, there and in the rest, and for an effect that the machine lacks"
+                f"readings of {name} fit the machine without errors better ({e.nominal:.3g} {e.unit} rms) than the "
+                f"fitted one ({e.fitted:.3g}), which contradicts them for the rest of the survey: look for a wrong "
+                "sign, temperature or known number, there and in the rest, and for an effect that the machine lacks"
             )
 
 
