@@ -18,6 +18,8 @@ from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.survey import Survey
 from errormodel.surveys.observations import observed
 from identification.estimation.least_squares import Solution, identifiable
+from identification.estimation.motions import MotionErrors
+from identification.estimation.readings import ReadingErrors
 from identification.estimation.result import Fit, Spread
 from identification.observation.assembly import Problem
 from identification.observation.frames import MACHINE_ERROR_SHARE
@@ -204,9 +206,12 @@ def contradictions(fit: Fit) -> Iterator[str]:
 
     The likelihoods of normal readings are compared, each with the noise that these residuals show.
     """
-    readings = fit.readings.errors(fit.survey) if fit.readings else ()
-    motions = fit.motions.errors(fit.survey) if fit.motions else ()
-    for name, e in (*((e.observation, e) for e in readings), *((e.symbol, e) for e in motions)):
+    every = list[tuple[str, ReadingErrors | MotionErrors]]()
+    if fit.readings is not None:
+        every += [(e.observation, e) for e in fit.readings.errors(fit.survey)]
+    if fit.motions is not None:
+        every += [(e.symbol, e) for e in fit.motions.errors(fit.survey)]
+    for name, e in every:
         ratio = (e.fitted / max(e.nominal, 1e3 * EXACT_MM)) ** 2
         clear = ratio > BETTER_VARIANCE and e.n * np.log(ratio) / 2 > np.log(BETTER_ODDS)
         if clear and e.fitted > 1e3 * FINEST_MM:
