@@ -117,7 +117,7 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
         if not is_column(ours, machine):
             names = (*(j.name for j in machine.joints), *MEASURED, *LABELS, "time", "run")
             raise InputError(f"{entry.path}, columns: {ours}", "no column of a survey", nearest(ours, names))
-        if theirs == LEFT_OUT and ours in frame:
+        if theirs == LEFT_OUT:  # under its own name, or under another, which then nobody maps
             taken.add(ours)
             continue
         name, sign = (theirs, 1.0) if theirs in frame else (theirs.removeprefix("-"), -1.0)

@@ -107,7 +107,8 @@ def import_survey(
     from identification.importing.importing import import_files
     from identification.importing.leaving_out import rows_of
     from identification.importing.reading_pairs import observations_of
-    from identification.importing.sources import Wishes, circle_of, parse_columns
+    from identification.importing.sources import Wishes, parse_columns
+    from identification.importing.traces import circle_of
     from identification.results.import_result import ImportResult
 
     def mapping(given: Mapping[str, str] | str | Sequence[str], option: str) -> dict[str, str]:

@@ -9,6 +9,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
+from errormodel.exceptions import InputError, nearest
 from errormodel.machine import Machine
 from errormodel.raw_formats.base import Recording
 from errormodel.raw_formats.direction_words import HEADINGS
@@ -213,7 +214,8 @@ def reading_roles(
             return out
         out[reading] = own[0]
     if "sigma" in out:
-        out[f"u_{reading}"] = out.pop("sigma")
+        sigma = out.pop("sigma")
+        out.setdefault(f"u_{reading}", sigma)
     if "station" in out and OBSERVATION not in out and OBSERVATION not in names:
         out[OBSERVATION] = out.pop("station")
     return out
@@ -338,6 +340,13 @@ def _sensors(recording: Recording, names: list[str]) -> Iterator[tuple[str, str]
         sensor = sensor_of(name, recording.units.get(name, ""))
         if sensor and not name.startswith("T_") and recording.frame[name].dtype.kind == "f":
             yield sensor, name
+
+
+def refuse_nothing_left_out(given: Mapping[str, str], there: Collection[str], where: str) -> None:
+    """InputError where a column is to be left out that is not `there`."""
+    for ours, theirs in given.items():
+        if theirs == LEFT_OUT and ours not in there:
+            raise InputError(f"{where}, columns: {ours}", "no such column to leave out", nearest(ours, sorted(there)))
 
 
 def unused(recording: Recording, columns: Mapping[str, str], machine: Machine) -> list[str]:

@@ -32,6 +32,7 @@ from identification.importing.roles import (
     position_column,
     reading_roles,
     readings_beside,
+    refuse_nothing_left_out,
     roles,
     unused,
 )
@@ -181,27 +182,6 @@ def parse_columns(texts: Sequence[str], option: str) -> dict[str, str]:
     return out
 
 
-def circle_of(
-    centre: Mapping[str, float] | None, plane: str, radius: float | None, start: float
-) -> CommandedCircle | None:
-    """The circle that the user states; None where no centre is given.
-
-    Raises
-    ------
-    InputError
-        Something is said of a circle without its centre, or a value is none.
-    """
-    if centre is None:
-        if plane or radius is not None or start:
-            raise InputError("--plane, --radius, --start", "no centre of the circle", "Give --centre X=..,Y=..,Z=..")
-        return None
-    try:
-        return CommandedCircle(centre=dict(centre), plane=plane, radius=radius, start=start)
-    except ValueError as error:
-        found = f"plane {plane or 'of the file'}, radius {radius}, start {start}"
-        raise InputError("--centre", found, "Write --plane XY, --radius above 0 in mm, --start in degrees") from error
-
-
 def open_source(
     path: Path, machine: Machine, kind: Kind, wishes: Wishes, several: bool = False,
     counts: Callable[[int], bool] | None = None,
@@ -258,10 +238,19 @@ def open_source(
         own = {**end_points(names, machine), **own} if kind == "whole" else own
         if single.reading not in own and (bar := calibrated([n for n in names if n not in own.values()])):
             own[single.reading] = bar
-    found = roles(spelt, machine, kind, own)
-    found = channels(found, own, machine) if form.of_pairs else found
-    if single is not None:
-        found = reading_roles(spelt, machine, found, single.reading)
+
+    def found_beside(given: Mapping[str, str]) -> dict[str, str]:
+        found = roles(spelt, machine, kind, given)
+        found = channels(found, given, machine) if form.of_pairs else found
+        return found if single is None else reading_roles(spelt, machine, found, single.reading)
+
+    found = found_beside(own)
+    if LEFT_OUT in own.values():
+        there = found_beside({ours: theirs for ours, theirs in own.items() if theirs != LEFT_OUT})
+        if several:  # each file does without those that it has
+            own = {ours: t for ours, t in own.items() if t != LEFT_OUT or ours in names or ours in there}
+            found, given = found_beside(own), own
+        refuse_nothing_left_out(own, {*names, *there}, str(path))
     refuse_words(recording, found, machine, str(path), of_commands)
     entry = plain.model_copy(
         update={

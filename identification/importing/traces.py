@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.exceptions import InputError
 from errormodel.observations import registry
+from errormodel.raw_formats.commanded_circle import CommandedCircle
 from identification.importing.sources import SourceFile
 from identification.importing.trace_proof import Circle, common_ball, refuse_exchanged, refuse_shifted, row_places
 
@@ -68,6 +69,27 @@ class Trace:
             f"{ways}; the ball {self.off_um:.3g} um off its centre, around it {self.span_um:.3g} um peak to peak"
             f"{''.join(f'; {s}' for s in self.says)}"
         )
+
+
+def circle_of(
+    centre: Mapping[str, float] | None, plane: str, radius: float | None, start: float
+) -> CommandedCircle | None:
+    """The circle that the user states; None where no centre is given.
+
+    Raises
+    ------
+    InputError
+        Something is said of a circle without its centre, or a value is none.
+    """
+    if centre is None:
+        if plane or radius is not None or start:
+            raise InputError("--plane, --radius, --start", "no centre of the circle", "Give --centre X=..,Y=..,Z=..")
+        return None
+    try:
+        return CommandedCircle(centre=dict(centre), plane=plane, radius=radius, start=start)
+    except ValueError as error:
+        found = f"plane {plane or 'of the file'}, radius {radius}, start {start}"
+        raise InputError("--centre", found, "Write --plane XY, --radius above 0 in mm, --start in degrees") from error
 
 
 def traces_of(sources: Sequence[SourceFile]) -> list[Trace]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from errormodel.exceptions import InputError
+from errormodel.surveys.raw import LEFT_OUT
 from errormodel.units import UNIT_EXAMPLES
 from identification.importing.sources import SourceFile, Wishes
 
@@ -34,7 +35,7 @@ def _unused(
         if given and word not in uses:
             yield option, f"none of the files {what}", out
     if wishes.columns and not any("columns" in source.uses for source in sources):
-        names = ", ".join(dict.fromkeys(wishes.columns.values()))
+        names = ", ".join(dict.fromkeys(t if t != LEFT_OUT else ours for ours, t in wishes.columns.items()))
         yield "--columns", f"none of the files has a column of {names}", "Write names as they stand in a file"
     if wishes.log_offset and not any(s.what == "log" for s in sources):
         yield "--log-offset", "none of the files is a log on a clock of its own", out

@@ -81,3 +81,26 @@ def test_a_temperature_of_several_runs_is_of_none_of_them(tmp_path: Path) -> Non
 def test_a_column_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"T_screw_Y: no column 'T bed'.*T screw Y"):
         import_survey(written(measured(), tmp_path), MILL, columns={"T_screw_Y": "T bed"})
+
+
+def test_a_column_of_another_name_in_the_file_is_left_out(tmp_path: Path) -> None:
+    """By the name that it would have in the survey; of several files, of those that have it."""
+    data = measured()
+    other = data.drop(columns="T screw Y [°C]")
+    (tmp_path / "x.csv").write_text("Axis: X\n" + other.to_csv(index=False, sep=";"))
+    files = [written(data, tmp_path), tmp_path / "x.csv"]
+    for raws in (files[0], files):
+        result = import_survey(raws, MILL, columns={"T_screw_Y": "-"})
+        assert "T_screw_Y" not in result.survey.table
+        assert any("not used: T screw Y" in note for note in result.notes)
+    with pytest.raises(InputError, match="T_scrw: no such column to leave out"):
+        import_survey(files[0], MILL, columns={"T_scrw": "-"})
+    with pytest.raises(InputError, match="none of the files has a column of T_scrw"):
+        import_survey(files, MILL, columns={"T_scrw": "-"})
+
+
+def test_a_line_of_the_map_that_names_a_column_leaves_it_out(tmp_path: Path) -> None:
+    import_survey(written(measured(), tmp_path), MILL).save(tmp_path / "s")
+    stated = tmp_path / "s/survey.yaml"
+    stated.write_text(stated.read_text().replace("T_screw_Y: T screw Y", "T_screw_Y: '-'"))
+    assert "T_screw_Y" not in read_survey(tmp_path / "s", MACHINE).table
