@@ -82,8 +82,9 @@ def channel(table: pd.DataFrame, name: str) -> Array:
     if name.startswith("run("):
         return np.asarray(table["run"].astype(str) == name[4:-1], dtype=np.float64)
     if name.startswith("of("):
-        own = table["observation"].fillna("").astype(str) if "observation" in table else np.full(len(table), "")
-        return np.asarray(own == ("" if name == POINTS else name[3:-1]), dtype=np.float64)
+        from errormodel.surveys.observations import observed
+
+        return np.asarray(observed(table) == ("" if name == POINTS else name[3:-1]), dtype=np.float64)
     if name not in table:
         raise _missing(table, name, "which an effect of this machine needs")
     values = table[name].to_numpy(dtype=np.float64)

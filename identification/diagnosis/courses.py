@@ -71,12 +71,8 @@ def with_courses(
 def _left(found: Explanation, progress: Progress, log: DecisionLog) -> Dependence | None:
     """On what it depends what is left."""
     with progress("Testing what is left"):
-        components, linear, start, fit = (
-            3 if found.final.fitted.n else 1,
-            found.model.linear,
-            found.model.start,
-            found.before,
-        )
+        components, fit = 3 if found.final.fitted.n else 1, found.before
+        linear, start = found.model.linear, found.model.start
         if fit.problem.readings and len({v.kind for v in fit.problem.views}) > 1:
             fit = found.final  # what was found had been noise of some kinds, and not of others
             linear = start = set_up(fit)

@@ -89,6 +89,10 @@ class ReadingView(View):
         for part, functions in kernel.blocks(self.rows, p):
             yield part, self.measured[None, part] - kernel.expand(functions)
 
+    def beside_nominal(self) -> Array:
+        """Readings less those of a machine without errors, from where the set-up's estimation starts, (n,); mm, rad."""
+        return np.concatenate([gap[0] for _, gap in self.gaps(self.at_zero)])
+
     def levers(self) -> Array:
         """Change (6 * elements, 1, n) of the reading by each motion of each element at the last pose; mm, rad.
 

@@ -146,7 +146,7 @@ def _compared(own: Own, known: Solution) -> Compared | None:
     views = [sampled(view, max(MOST // len(own), FEWEST)) for view in own]
     place = {name: k for k, name in enumerate(known.unknowns)}
     design = np.vstack([design_rows(view, place, len(view)) for view in views])
-    gap = np.concatenate([_gap(view) * view.whitener for view in views])
+    gap = np.concatenate([view.beside_nominal() * view.whitener for view in views])
     base = known.groups.base
     others = np.setdiff1d(np.arange(len(place)), base)
     # parameters of which a group has the sum move without the group, whose base makes up for them
@@ -182,13 +182,8 @@ def _basis(columns: Array) -> Array:
     return orthonormal_basis(columns[:, norms > 0] / norms[norms > 0])
 
 
-def _gap(view: ReadingView) -> Array:
-    """Readings less those of a machine without errors, (n,)."""
-    return np.concatenate([part[0] for _, part in view.gaps(view.at_zero)])
-
-
 def _mirrored(view: ReadingView) -> ReadingView:
-    return replace(view, measured=view.measured - 2 * _gap(view))
+    return replace(view, measured=view.measured - 2 * view.beside_nominal())
 
 
 def _scales(view: ReadingView) -> Array:

@@ -63,7 +63,7 @@ def lengths_of(chain: Chain, views: Sequence[View]) -> list[Lengths]:
     for view in views:
         if not isinstance(view, ReadingView) or view.turns:
             continue
-        gap = np.concatenate([part[0] for _, part in view.gaps(view.at_zero)])
+        gap = view.beside_nominal()
         usual = float(np.quantile(np.abs(gap), 0.8))
         wild = np.flatnonzero(np.abs(gap) > max(WILD * usual, WILD_FROM * chain.size))
         nominal = view.measured - gap
