@@ -36,7 +36,10 @@ class TargetOffset(Effect):
     family: ClassVar[str] = "instrument"
     source: ClassVar[str] = "seats of reflectors, lengths of tools as measured: 2 to 50 um"
     alike: ClassVar[tuple[str, ...]] = ("spindle-growth", "payload-sag", "station-shift")
-    separate: ClassVar[str] = "the same positions with all targets, and a target taken off and put on again"
+    separate: ClassVar[str] = (
+        "the same positions with all targets, and a target taken off and put on again; a place that nobody calibrated "
+        "is an unknown of the fit with near: (targets in survey.yaml)"
+    )
     example: ClassVar[Mapping[str, object]] = {"tool": [40.0, 25.0, -180.0]}
 
     tool: Vector | None = None  # mm

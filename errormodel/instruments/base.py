@@ -6,7 +6,7 @@ Law of propagation of uncertainty (GUM) for independent sources; standard uncert
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Annotated, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +64,9 @@ class Instrument(FileModel, ABC):
     """
 
     type: str
+    usual: ClassVar[tuple[float, float] | None] = None
+    """``(a, b)`` of the standard uncertainty ``hypot(a, b r)`` (mm, mm/mm; k = 1) of a coordinate at a distance r from
+    the instrument that makers specify for the less accurate of this type; None: nothing is usual for it."""
 
     @property
     def stated(self) -> bool:
@@ -113,6 +116,25 @@ class Instrument(FileModel, ABC):
                 found = f"a standard uncertainty of {odd[0]:.3g} mm of a measured point, which no instrument has"
                 raise InputError(f"instrument {self.type}", found, "Check its numbers and their units (mm, rad; k = 1)")
         return total
+
+    def usual_sigma(self, points: Array) -> float | None:
+        """What instruments of this type make of these points at worst, where `usual` says it.
+
+        Parameters
+        ----------
+        points : array (n, 3)
+            Measured coordinates in the measuring frame, mm; NaN where a component was not measured.
+
+        Returns
+        -------
+        float or None
+            Root mean square over the points of the standard uncertainty of a coordinate, mm (k = 1).
+        """
+        if self.usual is None or not len(points):
+            return None
+        a, b = self.usual
+        square = np.nansum((points - np.asarray(getattr(self, "station", np.zeros(3)))) ** 2, axis=1)
+        return float(np.sqrt(a**2 + b**2 * square.mean()))
 
     def draw_noise(self, points: Array, rng: np.random.Generator) -> Array:
         """Draw noise of the points, (n, 3) in mm; zero where the noise is to be estimated from the data."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from errormodel.instruments.base import LengthDependent
 
@@ -11,3 +11,4 @@ class CoordinateMeasuringMachine(LengthDependent):
     """Coordinate measuring machine: isotropic standard uncertainty that grows with length."""
 
     type: Literal["cmm"] = "cmm"
+    usual: ClassVar = (5e-3, 5e-6)  # half of 10 um + 10 um/m: large machines, and probes in machine tools

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -15,6 +15,7 @@ class LaserTracker(Instrument):
     """Laser tracker at a station; its keys are in mm and rad, independent of ``units``."""
 
     type: Literal["laser-tracker"] = "laser-tracker"
+    usual: ClassVar = (7.5e-3, 3e-6)  # half of 15 um + 6 um/m, as makers specify
     station: Vector3 = Field([0.0, 0.0, 0.0], description="[x, y, z] of the tracker in the measuring frame, mm")
     range: Pair | None = Field(
         None,

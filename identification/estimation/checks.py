@@ -39,6 +39,7 @@ MOST_NAMED = 6  # rows in a note
 WILD = 10.0  # times the distance of four rows of five: no error motion leads a row so far from the others
 WILD_FROM = 10 * MACHINE_ERROR_SHARE  # of the machine's size: nor so far from where the nominal machine puts it
 BETTER_ODDS, BETTER_VARIANCE = 100.0, 1.3  # to 1, and times: by which a machine without errors is better; by judgement
+BEYOND_INSTRUMENT = 3.0  # times: machines do not repeat to less than instruments measure; by judgement
 WRONG_UNIT_FACTOR = 100.0  # times: so far off is a declaration in another unit
 
 
@@ -118,7 +119,10 @@ def looked_over(fit: Fit) -> Fit:
     if not fit.solution.groups.rank:
         found = "no parameter can be identified: nothing of what was measured depends on one"
         raise InputError(str(fit.survey.source), found, "Measure all over the travels, as `errormodel plan` says")
-    fit = replace(fit, notes=(*fit.notes, *noise_notes(fit), *contradictions(fit), *_beside(fit), *_wild(fit)))
+    fit = replace(
+        fit,
+        notes=(*fit.notes, *noise_notes(fit), *_of_instrument(fit), *contradictions(fit), *_beside(fit), *_wild(fit)),
+    )
     volumetric = any(v.of_tool for v in fit.problem.views)  # who reads one joint means no other
     lost = out_of_reach(fit.problem, fit.solution)[1] if volumetric else []
     if not lost:
@@ -248,6 +252,31 @@ def noise_notes(fit: Fit) -> Iterator[str]:
             f"{_seen(fit, ratio)}the declared uncertainty is {1 / ratio:.3g} times as large as the residuals show, and "
             f"standard uncertainties follow what is declared.{unit}"
         )
+
+
+def times_usual(fit: Fit) -> float:
+    """The noise of a coordinate, in what instruments of this type make; 0 where it is stated, or nothing is usual."""
+    seen = np.isfinite(fit.survey.measured).any(axis=1)
+    usual = fit.survey.instrument.usual_sigma(fit.survey.measured[seen])
+    if usual is None or fit.survey.instrument.stated or "position" in fit.declared or fit.solution.dof < FEW_DOF:
+        return 0.0
+    return fit.sigma_mm / usual
+
+
+def beside_usual(fit: Fit, times: float) -> str:
+    """What a noise so many times the usual one of the instrument means."""
+    return (
+        f"the noise of a coordinate, {1e3 * fit.sigma_mm:.3g} um, is {times:.2g} times what a "
+        f"{fit.survey.instrument.type} makes at most ({1e3 * fit.sigma_mm / times:.3g} um): either the machine "
+        "does not repeat better, or something is left out: an effect, a target or tool that lies elsewhere, a wrong "
+        "time or temperature"
+    )
+
+
+def _of_instrument(fit: Fit) -> Iterator[str]:
+    times = times_usual(fit)
+    if times > BEYOND_INSTRUMENT:
+        yield f"{beside_usual(fit, times)}. `errormodel diagnose` looks for it"
 
 
 def _seen(fit: Fit, ratio: float) -> str:

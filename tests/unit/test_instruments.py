@@ -50,3 +50,11 @@ def test_tracker_at_odd_points():
     points = np.array([[0.0, 0.0, 0.0], [1000.0, np.nan, 0.0]])
     assert np.isfinite(tracker.draw_noise(points, np.random.default_rng(0))).all()
     assert not instruments()["plain"](type="plain").draw_noise(points, np.random.default_rng(0)).any()
+
+
+def test_usual_uncertainty_grows_from_the_station():
+    tracker = LaserTracker(type="laser-tracker", station=[1000.0, 0.0, 0.0])
+    (a, b) = tracker.usual
+    far = np.array([[5000.0, 3000.0, np.nan]])
+    assert tracker.usual_sigma(far) == pytest.approx(math.hypot(a, 5000 * b))
+    assert instruments()["plain"](type="plain").usual_sigma(far) is None

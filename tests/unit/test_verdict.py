@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from errormodel.chain import Chain
+from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.machine import Machine
 from errormodel.machine_file import read_machine
 from errormodel.simulation import random_points
 from errormodel.survey import Survey
 from identification.diagnosis.results.pure_error import repeats_of
 from identification.diagnosis.results.verdict import judge
+from identification.estimation.checks import looked_over
 from identification.estimation.fit import fit_machine
 from tests.helpers.findings import NOISE, known, made, survey_of, walked
 
@@ -131,3 +133,25 @@ def test_residuals_that_wander_more_than_instruments_are_unexplained(size: float
         found = re.search(r"what is left wanders: ([\d.]+) um", verdict.unexplained)
         assert found is not None
         assert 4 < float(found[1]) < 12  # of 10 um, of which the fit takes a part
+
+
+@pytest.mark.parametrize(("noise", "word"), [(0.0, "adequate"), (0.1, "unexplained")])
+def test_noise_far_beyond_what_such_an_instrument_makes_is_unexplained(noise: float, word: str) -> None:
+    machine = read_machine("vertical_three_axis")
+    survey = survey_of(machine, random_points(machine, 80, 3), {})
+    table = survey.table.copy()
+    table[["mx", "my", "mz"]] += noise * np.random.default_rng(1).standard_normal((len(table), 3))
+    fit = fit_machine(machine, replace(survey, table=table, instrument=LaserTracker(station=[2000.0, 0.0, 0.0])))
+    verdict = judge(fit, found=False)
+    said = any("what a laser-tracker makes at most" in note for note in looked_over(fit).notes)
+    assert (verdict.word, said) == (word, noise > 0)
+    if noise:
+        assert "what a laser-tracker makes at most" in str(verdict.unexplained)
+
+
+def test_noise_of_an_instrument_that_is_not_named_is_not_doubted() -> None:
+    machine = read_machine("vertical_three_axis")
+    survey = survey_of(machine, random_points(machine, 80, 3), {})
+    table = survey.table.copy()
+    table[["mx", "my", "mz"]] += 0.1 * np.random.default_rng(1).standard_normal((len(table), 3))
+    assert judge(fit_machine(machine, replace(survey, table=table)), found=False).word == "adequate"

@@ -15,7 +15,7 @@ from identification.diagnosis.results.findings import Finding
 from identification.diagnosis.results.pure_error import Repeats, repeats_of, whitened
 from identification.diagnosis.results.residual_dependence import Dependence
 from identification.diagnosis.results.wandering import wandering_text
-from identification.estimation.checks import FEW_DOF, contradictions
+from identification.estimation.checks import BEYOND_INSTRUMENT, FEW_DOF, beside_usual, contradictions, times_usual
 from identification.estimation.result import Fit, noise_bounds
 from identification.results.terminal import counted
 
@@ -74,6 +74,11 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
     elif declared:
         ratio = s.chi2 / s.dof
         reason = f"{_length(final):.1f} um rms where {_beside_declared(final, float(np.sqrt(ratio)))}"
+    elif not repeats and (times := times_usual(final)) > 0:
+        beyond = times > BEYOND_INSTRUMENT
+        word, limit = "found" if beyond else "passed", BEYOND_INSTRUMENT**2
+        log.add("lack-of-fit-by-declared-uncertainty", word, "residuals", times**2, limit, beside="of its type")
+        reason = beside_usual(final, times) if beyond else ""
     if not found and _at_one_pose(final):
         notes.append(AT_ONE_POSE)
     wanders = wandering_text(final, log)
