@@ -261,7 +261,8 @@ def open_source(
     if kind == "whole" and (note := nominal_and_actual(found, machine)):
         recording = replace(recording, notes=(*recording.notes, note))
     mapped = with_map(recording, entry.model_copy(update={"path": str(path)}), machine)
-    if wishes.circle is not None and not of_commands and not recording.trace and not {*MEASURED} & {*mapped.frame}:
+    known = {*MEASURED, *(j.name for j in machine.joints if several)} & {*mapped.frame}
+    if wishes.circle is not None and not of_commands and not recording.trace and not known:
         text = f"a circle is stated, and no angles are among its columns {', '.join(names[:12])}"
         cure = "A trace needs the angle of each reading: say its column, --columns angle=.., or export it with angles"
         raise InputError(str(path), text, cure)

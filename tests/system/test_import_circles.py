@@ -208,3 +208,13 @@ def test_angles_of_both_directions_in_growing_order_take_theirs_from_the_column(
     (folder / "t.csv").write_text(directed("\n".join([*lines[:184], *mirrored]) + "\n", words))
     with pytest.raises(InputError, match=r"the ball lies .* um apart in the two senses"):
         import_survey(folder / "t.csv", MILL, centre=CENTRE)
+
+
+def test_a_positioning_test_beside_circles_needs_no_angles(folder: Path) -> None:
+    rows = [f"{x},{side},{0.001 * (x > 0):.4f}" for side in (1, -1) for x in range(-200, 201, 50)[::side]]
+    (folder / "laser.csv").write_text("Axis: X\ntarget [mm],direction,deviation [mm]\n" + "\n".join(rows) + "\n")
+    own = import_survey([folder / "XY.csv", folder / "laser.csv"], MILL, centre=CENTRE).survey.table
+    assert own["length"].notna().sum() == 360
+    assert own["dx"].notna().sum() == len(rows)
+    with pytest.raises(InputError, match="a circle is stated, and no angles"):
+        import_survey(folder / "laser.csv", MILL, centre=CENTRE)
