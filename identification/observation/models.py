@@ -17,6 +17,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Index, Mask, Rows, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain, What
+from errormodel.channels import root
 from errormodel.kernel import KERNEL_BLOCK_ROWS, Kernel
 from errormodel.turned_design import turned_kernel
 from identification.observation.pose import IDENTITY, Pose
@@ -109,8 +110,7 @@ class View(ABC):
     def scattered(self, rng: np.random.Generator, poses: int) -> Self:
         """The view with random poses over the full travels, as many as are asked for."""
         more = self.part(np.arange(poses) % len(self))
-        joints = [rng.uniform(*j.travel, poses) for j in self.chain.machine.joints]
-        return replace(more, rows=as_rows(*joints, *more.rows[len(joints) :]))
+        return replace(more, rows=as_rows(*anywhere_in_travels(self.chain, more.rows, rng)))
 
     def norms(self) -> Array:
         """Norms (columns,) of the columns of M over its poses, mm or rad: root sum of the components' mean squares."""
@@ -156,6 +156,18 @@ class View(ABC):
 def anywhere(view: View, poses: int) -> View:
     """The view with random poses over the full travels, and the tools, components and other channels of its rows."""
     return view.scattered(np.random.default_rng(0), poses)
+
+
+def anywhere_in_travels(chain: Chain, rows: Sequence[Array], rng: np.random.Generator) -> list[Array]:
+    """The chain's channels with joints at random in their travels, and what has a play as far behind as in the rows."""
+    names = chain.channels
+    joints = [rng.uniform(*j.travel, len(rows[0])) for j in chain.machine.joints]
+    moved = [*joints, *rows[len(joints) :]]
+    for k, name in enumerate(names):
+        if name.startswith("play("):
+            joint = names.index(root(name))
+            moved[k] = joints[joint] + rows[k] - rows[joint]
+    return moved
 
 
 def fixed_tool(chain: Chain, rows: Sequence[Array]) -> dict[str, float]:

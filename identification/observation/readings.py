@@ -17,7 +17,7 @@ from errormodel.observations.base import Observation
 from errormodel.survey import Survey
 from errormodel.surveys.observations import Group, groups
 from identification.observation.frames import align
-from identification.observation.models import View
+from identification.observation.models import View, anywhere_in_travels
 from identification.observation.pose import IDENTITY, Pose
 
 LEAST_STATIONS = 3  # known places of which distances determine a rigid motion
@@ -108,10 +108,10 @@ class ReadingView(View):
         more = self.part(np.arange(poses) % len(self))
         if not self.observation.anywhere:
             return more
-        joints, each = self.chain.machine.joints, len(self.chain.channels)
+        each = len(self.chain.channels)
         rows = list(more.rows)
         for first in range(0, each * self.observation.poses, each):
-            rows[first : first + len(joints)] = [rng.uniform(*j.travel, poses) for j in joints]
+            rows[first : first + each] = anywhere_in_travels(self.chain, rows[first : first + each], rng)
         return replace(more, rows=as_rows(*rows))
 
     def norms(self) -> Array:

@@ -17,11 +17,13 @@ from errormodel.machine import Joint, Machine, Shape, Vector
 from errormodel.machine_file import library, read_machine
 from errormodel.simulation import random_points
 from errormodel.survey import Survey
+from identification.estimation.fit import fit_machine
 from identification.estimation.least_squares import identifiable
 from identification.observation.identifiability import Floors, Groups, find_groups
 from identification.observation.pose import Pose
 from identification.results.description import describe
 from tests.helpers.chains import Array, machines, poses, seen
+from tests.helpers.findings import known, made, survey_of
 
 MACHINES = sorted(library())
 
@@ -279,3 +281,12 @@ def test_a_share_that_the_noise_hides_is_none() -> None:
     hidden = find_groups(design, ids, scale, [0, 1, 2], Floors(direction=1e-2))
     assert hidden.members(0) == pytest.approx({"a": 1.0, "c": 1.0})
     assert hidden.members(1) == {"b": 1.0}
+
+
+@pytest.mark.parametrize("width", [0.01, 1.0])
+def test_a_play_far_narrower_than_the_travel_is_determined(width: float) -> None:
+    """The joint and what follows it with a play move together: both at random would be thousands of widths apart."""
+    machine = read_machine("bridge_cmm")
+    extended = known(machine, made("hysteresis", joint="X", width=width))
+    fit = fit_machine(extended, survey_of(extended, random_points(machine, 60, 4), {}))
+    assert not {i for i in fit.solution.groups.no_effect if "hysteresis" in i}
