@@ -13,10 +13,10 @@ import numpy as np
 from errormodel.conventions import unit_of
 from identification.diagnosis.linear.row_residuals import noise_mm, vectors
 from identification.diagnosis.results.diagnosed import Diagnosed, numbered
+from identification.diagnosis.results.driver_words import time_unit
 from identification.diagnosis.results.effect_size import Amount
 from identification.diagnosis.results.findings import Alternative, Finding, Untestable
 from identification.diagnosis.results.headline import headline
-from identification.diagnosis.results.statements import time_unit
 from identification.diagnosis.search.scoring import Step
 from identification.plots.effect_curve import DRAWN_PERIODS, draw_effect_curve
 from identification.plots.residuals_along_driver import MOST_DRIVER_DOTS, draw_residuals_along_driver

@@ -23,6 +23,7 @@ from errormodel.simulation import random_points
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.pipeline import _moved, diagnose
+from identification.diagnosis.results.driver_words import causes
 from identification.diagnosis.results.effect_size import Whole, whole_of
 from identification.diagnosis.results.findings import (
     BETTER,
@@ -36,7 +37,6 @@ from identification.diagnosis.results.headline import headline
 from identification.diagnosis.results.statements import (
     alike_of,
     brief_of,
-    causes,
     next_measurement,
     period_of,
     statement_of,
@@ -159,7 +159,8 @@ def test_a_refined_form_has_no_coefficient_of_its_own() -> None:
     effects = [made("scale-expansion", joint="Y", sensor="T_drive"), more]
     text = said(whole(battery.GANTRY, effects, [10e-6, 0.01, 0.01]), battery.GANTRY)
     assert "um/m/K" not in text
-    assert "peak to peak over the rows, with 1 further term that refines its form;" in text
+    assert "moves dy of Y (EYY) by 124.4 +- 3.5 um peak to peak over the rows" in text  # of the expansion alone
+    assert "with 1 further term that refines its form (189.1 +- 2.6 um with it);" in text
 
 
 def test_a_bow_is_told_by_its_middle() -> None:
@@ -201,6 +202,8 @@ def test_a_curve_of_many_splines_is_summed_up() -> None:
 def test_causes_in_words() -> None:
     assert causes([made("warm-up", joint="X", tau=1800.0)]) == "time, settling with time constant of 30 min"
     assert causes([made("station-shift", run="3")]) == "run 3"
+    table = made("compensation-active", joint="X", points=5, run=("3", "4"))
+    assert causes([table]) == "X and runs 3, 4"
     lagged = made("structure-drift", element="T1", motion="dx", sensor="T_bed", tau=7200.0)
     assert causes([lagged]) == "T_bed behind a lag of 2 h"
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from errormodel.channels import DERIVED_CHANNEL, root
+from errormodel.channels import root
 from errormodel.conventions import FRAME, INSTRUMENT, TOOL, Motion, iso_symbol, unit_of
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.effects.unnamed import Unnamed
 from errormodel.machine import Joint, Machine
-from errormodel.path_speed import joint_of_speed
 from identification.diagnosis.data_checks.blunder import length
+from identification.diagnosis.results.driver_words import causes, channel, duration
 from identification.diagnosis.results.effect_size import Whole, constant
 from identification.diagnosis.results.recorded_functions import CLOCK, ROW
 from identification.diagnosis.results.residual_dependence import FIXED_TARGETS
@@ -63,7 +63,7 @@ def brief_of(whole: Whole, machine: Machine) -> str:
         return f"{name} of a size that the data do not determine ({motion_name(place, machine)})"
     if {*whole.units.values()} == {"s"}:  # a delay moves as much as the machine is fast
         return f"{name} by {plus_minus(whole.amounts[0].value, 0.0, 's')}"
-    value = abs(whole.amounts[0].value) if _steady(whole) else whole.range(place)[0]
+    value = abs(whole.amounts[0].value) if _steady(whole) else whole.range(place, _own(whole, place))[0]
     factor, unit = printed(unit_of(place[1]))
     size = f"{factor * value:.{max(0, 1 - math.floor(math.log10(max(factor * value, 1e-3))))}f}"
     return f"{name} by {size} {unit.replace('µ', 'u')} ({motion_name(place, machine)})"
@@ -95,67 +95,6 @@ def motion_name(place: tuple[str, Motion], machine: Machine) -> str:
     if element in {j.name for j in machine.joints}:
         return iso_symbol(element, motion)
     return f"{motion} of {element if element in {s.name for s in machine.shapes} else PLACES.get(element, element)}"
-
-
-def causes(effects: Sequence[Effect]) -> str:
-    """What drives some effects together, in words: the lags of one sensor in a row."""
-    lags: dict[str, list[float]] = {}
-    plain = [set(e.drivers) for e in effects if not getattr(e, "tau", None)]
-    for effect in effects:
-        if any(set(effect.drivers) < other for other in plain):
-            continue  # said with the others
-        names = dict.fromkeys(effect.drivers)
-        warm = [n for n in names if getattr(effect, "minus", None) and root(n).startswith("T_")]  # a difference of two
-        said = [*(channel(n) for n in names if n not in warm), *([" less ".join(map(channel, warm))] if warm else [])]
-        moving = [joint for n in names if (joint := joint_of_speed(n))]
-        if 1 < len(moving) == len(names):
-            said = [f"the speeds of {', '.join(moving[:-1])}", moving[-1]]
-        text = " and ".join(said) or "position"
-        lags.setdefault(text, []).append(getattr(effect, "tau", None) or 0.0)
-    initial = "".join(map(_initial, effects))
-    return " and ".join(f"{text}{_behind(text, taus)}" for text, taus in lags.items()) + initial
-
-
-def _initial(effect: Effect) -> str:
-    """How far a member was from its sensor's temperature in the first row."""
-    excess, sensor = float(getattr(effect, "initial", 0.0)), str(getattr(effect, "sensor", ""))
-    warm = f", {abs(excess):.2g} K {'warmer' if excess > 0 else 'colder'} than {sensor} in the first row"
-    before = f", as if that had been {abs(excess):.4g} {'more' if excess > 0 else 'less'} before the first row"
-    return "" if not excess else warm if sensor.startswith("T_") else before
-
-
-def _behind(text: str, taus: Sequence[float]) -> str:
-    if not (late := [duration(tau) for tau in dict.fromkeys(taus) if tau]):
-        return ""
-    many = "s" * (len(late) > 1)
-    if text == "time":
-        return f", settling with time constant{many} of {' and '.join(late)}"
-    return f"{', at once and' if 0.0 in taus else ''} behind {'' if many else 'a '}lag{many} of {' and '.join(late)}"
-
-
-def channel(name: str) -> str:
-    """A channel in words."""
-    if call := DERIVED_CHANNEL.fullmatch(name):
-        behind = f" behind a lag of {duration(float(call[3]))}" if name.startswith("lag") else ", with play"
-        return call[2] + behind
-    if moving := joint_of_speed(name):
-        return f"the speed of {moving}"
-    if name == "row":
-        return "the order of the rows"
-    if name.startswith("dir_"):
-        return f"the side from which {name[4:]} arrives"
-    return f"run {name[4:-1]}" if name.startswith("run(") else name
-
-
-def duration(seconds: float) -> str:
-    """A time as one says it."""
-    size, unit = time_unit(seconds)
-    return f"{seconds / size:.3g} {unit}"
-
-
-def time_unit(seconds: float) -> tuple[float, str]:
-    """Size, s, and name of the unit in which one says a time."""
-    return next(((s, u) for s, u in ((3600.0, "h"), (60.0, "min")) if seconds >= 1.5 * s), (1.0, "s"))
 
 
 def position(joint: Joint | None, value: float) -> str:
@@ -268,7 +207,10 @@ def _figures(whole: Whole, machine: Machine) -> Iterator[str]:
         yield f"{spoken(ranked[0], machine)} is off by {plus_minus(amount.value, amount.std, amount.unit)}{doubt}"
         return
     shown = [p for p in ranked[:2] if whole.tip[p] >= SECOND * whole.tip[ranked[0]]]
-    moves = [f"{spoken(place, machine)} by {plus_minus(*whole.range(place), unit_of(place[1]))}" for place in shown]
+    moves = [
+        f"{spoken(place, machine)} by {plus_minus(*whole.range(place, _own(whole, place)), unit_of(place[1]))}"
+        for place in shown
+    ]
     if moves:
         usual = f", {_usual(_largest(whole, machine))}" if known and not coefficients else ""
         if not _determined(whole):
@@ -290,7 +232,21 @@ def _further(whole: Whole, other: Sequence[bool], shown: Sequence[tuple[str, Mot
     drivers = (d for e, differs in zip(whole.effects, other, strict=True) if differs for d in map(root, e.drivers))
     further = [channel(d) for d in dict.fromkeys(drivers) if d not in known]
     also = f" and depend{'s' * (terms == 1)} on {' and '.join(further)} as well" if further else ""
-    return words + (refining + also if terms else "")
+    if not terms:
+        return words
+    both = ""
+    if shown and _own(whole, shown[0]) is not None:
+        both = f" ({plus_minus(*whole.range(shown[0]), unit_of(shown[0][1]))} with {'them' if terms > 1 else 'it'})"
+    return words + refining + also + both
+
+
+def _own(whole: Whole, place: tuple[str, Motion]) -> list[str] | None:
+    """Parameters of the name itself, where other forms move the same and the name has a size without them."""
+    main = whole.effects[0]
+    own = [i for effect, ids in zip(whole.effects, whole.ids, strict=True) if effect.effect == main.effect for i in ids]
+    if main.empirical or len(own) == len(whole.every):
+        return None
+    return own if whole.of(whole.motions[place], own).any() else None
 
 
 def _undetermined(whole: Whole) -> str:
