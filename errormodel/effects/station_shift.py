@@ -15,7 +15,7 @@ from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS
 from errormodel.effects.base import MOMENT, Channels, Effect, EffectTerm, ShapeParameter
 from errormodel.effects.families import Traits
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import each_motion, in_runs, moments, only, run_channels, since, switched
+from errormodel.effects.shared import FEW_RUNS, each_motion, in_runs, moments, only, run_channels, since, switched
 from errormodel.machine import Machine
 
 # log odds against a step in the order of the rows. By judgement, from recordings: what drifts or was measured in blocks
@@ -84,5 +84,5 @@ class StationShift(Effect):
             yield from (cls(run=run, turned=turned, of=scene.of) for turned in (True, False))
         for at in moments(scene):
             yield from (cls(at=at, turned=turned, of=scene.of) for turned in (True, False))
-        for row in () if scene.runs else moments(scene, "row"):  # the labels of runs are a clock
+        for row in () if len(scene.runs) > FEW_RUNS else moments(scene, "row"):  # labels of many runs are a clock
             yield from (cls(row=row, turned=turned, of=scene.of) for turned in (True, False))

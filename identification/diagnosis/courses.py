@@ -38,6 +38,20 @@ MOST_COURSES = 3
 EDGES = 200  # times of a jump that are tried first
 
 
+def with_wanderer(found: Explanation, changes: Sequence[Effect], progress: Progress, log: DecisionLog) -> Explanation:
+    """What was found, with the course of the motion in whose favour a finding was left out, if there is one.
+
+    It has more evidence than what was accepted, and needs no other test.
+    """
+    if found.wanders is None:
+        return found
+    step = _course(found.model.linear, found.wanders.element, found.wanders.motion)
+    longer = None if step is None else with_step(found.model, step)
+    if longer is None or heldout_rms(longer.linear) >= heldout_rms(found.model.linear):
+        return found
+    return _fitted(found, longer, longer.steps[-1].effect, changes, progress, log) or found
+
+
 def with_courses(
     found: Explanation, changes: Sequence[Effect], progress: Progress, log: DecisionLog
 ) -> tuple[Explanation, Dependence | None]:
@@ -48,11 +62,6 @@ def with_courses(
     changes : effects that mend blunders.
     """
     earlier = {g[0].effect.key for g in found.model.findings}
-    if found.wanders is not None:  # it has more evidence than what was accepted, and needs no other test
-        step = _course(found.model.linear, found.wanders.element, found.wanders.motion)
-        longer = None if step is None else with_step(found.model, step)
-        if longer is not None and heldout_rms(longer.linear) < heldout_rms(found.model.linear):
-            found = _fitted(found, longer, longer.steps[-1].effect, changes, progress, log) or found
     for number in range(MOST_COURSES + 1):
         left, linear = _left(found, progress, log), found.model.linear
         if left is None or linear.scene.clock not in left.channels or number == MOST_COURSES:

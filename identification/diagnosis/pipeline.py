@@ -16,7 +16,7 @@ from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.surveys.observations import groups
-from identification.diagnosis.courses import with_courses
+from identification.diagnosis.courses import with_courses, with_wanderer
 from identification.diagnosis.data_checks.approach_direction import contrary_sides
 from identification.diagnosis.data_checks.blunder import Blunder, listed, misses
 from identification.diagnosis.data_checks.checks import MOST_BLUNDERS, find_blunders, without
@@ -179,6 +179,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     if not noise_checked and (more := gross_rows(found.final, log, explained=True) & ~bad).any():
         bad = bad | more  # what was found had hidden them, or made them seem heavy tails
         fit, found = again(bad)
+    found = with_wanderer(found, changes, progress, log)
     # what was found before courses in time is judged without them: they take the place of what has no name
     earlier = {g[0].effect.key: (found.model, g) for g in found.model.findings}
     found, dependence = with_courses(found, changes, progress, log)

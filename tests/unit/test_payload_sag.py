@@ -40,3 +40,20 @@ def test_a_member_that_the_load_tilts_is_named() -> None:
     spec = EffectSpec("payload-sag", {"element": MACHINE.shapes[0].name, "degree": 0, "motion": "ea"})
     found = diagnose(MACHINE, showing(loaded, MACHINE, [(spec, [2e-6])], 0.002)).diagnosis
     assert [f.effect for f in found.findings] == ["payload-sag"]
+
+
+@pytest.mark.parametrize("joint", ["J2", "J3"])
+def test_loads_of_runs_that_nobody_recorded_are_named_at_their_joint(joint: str) -> None:
+    """Three payloads, each a run: what their levers twist; a correction table of two runs had the name."""
+    arm = read_machine("six_axis_arm")
+    survey = empty_survey(arm, 150, 5, channels=False, grid=False)
+    survey = replace(survey, table=survey.table.assign(run=np.repeat(["empty", "half", "full"], 50)))
+    spec = EffectSpec("payload-sag", {"joint": joint, "gravity": "-z", "run": ["half", "full"]})
+    (found,) = diagnose(arm, showing(survey, arm, [(spec, [4e-8, 8e-8])], 0.005)).diagnosis.findings
+    assert (found.effect, found.where, found.driver) == ("payload-sag", joint, ["run(full)", "run(half)", joint])
+    assert [p.value for p in found.parameters] == pytest.approx([8e-8, 4e-8], rel=0.3)
+
+
+def test_a_sag_by_run_is_of_a_rotary_joint_and_its_lever() -> None:
+    with pytest.raises(InputError, match="by run is that of a rotary joint with gravity"):
+        make(EffectSpec("payload-sag", {"joint": "X", "run": ["2"]}))
