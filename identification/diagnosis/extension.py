@@ -46,6 +46,7 @@ from identification.runtime.progress import Progress
 # times the usual size, of what temperature or time drives: three standard deviations of the widest prior distribution;
 # of some 750 right findings the largest was 29
 LARGEST = WIDEST
+WORTH_A_TRIAL = 2.0  # error variance of rows left out, over the residuals', from which fewer refinements are tried
 
 
 @dataclass(frozen=True)
@@ -175,9 +176,6 @@ def that_predicts(
         give_back()  # what the search, or the fit before, has left
         return fit_machine(_extended(machine, effects), survey, effect_sizes=WIDEST) if effects else fit
 
-    def error(fit: Fit) -> float:
-        return spread(fit, heldout=True).rms_um or 0.0
-
     final = extended(model)
     while model.findings:
         large = _too_large(model, final, first, log)
@@ -186,13 +184,44 @@ def that_predicts(
         elif large:
             return model, final, {(s.effect.effect, s.effect.where) for s in large}
         elif error(final) <= NO_WORSE * error(fit):
-            return model, with_form(final, model, first), set()
+            shorter, fewer = _with_fewer_refinements(model, final, extended)
+            if shorter is model:
+                return model, with_form(final, model, first), set()
+            gone = next(s for s in model.steps if s.effect.key not in {t.effect.key for t in shorter.steps})
+            log.add("prediction-made-worse", "removed", gone.effect, ratio(error(final), error(fewer)), NO_WORSE)
+            model, final = shorter, fewer
+            continue
         else:
             out = min((g[0] for g in model.findings), key=lambda s: s.evidence)
             log.add("prediction-made-worse", "removed", out.effect, ratio(error(final), error(fit)), NO_WORSE)
             model = of_groups(model.start, [g for g in model.findings if g[0] is not out])
         final = extended(model)
     return model, final, set()
+
+
+def error(fit: Fit) -> float:
+    """Root mean square error of rows left out, um."""
+    return spread(fit, heldout=True).rms_um or 0.0
+
+
+def _with_fewer_refinements(
+    model: EffectModel, final: Fit, extended: Callable[[EffectModel], Fit]
+) -> tuple[EffectModel, Fit]:
+    """The model and its fit with the first refinements of a finding only, where that predicts rows left out best.
+
+    Lags of one sensor that nearly cancel fit all rows, and miss those of another time by far. Of the error's variance
+    much must be beyond that of the residuals.
+    """
+    if error(final) ** 2 < WORTH_A_TRIAL * (spread(final).rms_um or 0.0) ** 2:
+        return model, final
+    best, least = (model, final), error(final) / NO_WORSE
+    for number, group in enumerate(model.findings):
+        for kept in range(1, len(group)):
+            shorter = of_groups(model.start, [g[:kept] if k == number else g for k, g in enumerate(model.findings)])
+            fewer = extended(shorter)
+            if error(fewer) < least:
+                best, least = (shorter, fewer), error(fewer)
+    return best
 
 
 def _too_large(model: EffectModel, final: Fit, first: int, log: DecisionLog) -> list[Step]:
