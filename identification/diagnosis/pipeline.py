@@ -74,7 +74,7 @@ from identification.diagnosis.results.statements import (
     subject,
 )
 from identification.diagnosis.results.untestable import unconsidered
-from identification.diagnosis.results.verdict import judge, with_doubt
+from identification.diagnosis.results.verdict import judge, no_larger, with_doubt
 from identification.diagnosis.results.witnesses import WitnessResult, with_witnesses
 from identification.diagnosis.search.instrument_noise import station_notes
 from identification.diagnosis.search.model import EffectModel
@@ -197,6 +197,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))
+    dependence = no_larger(dependence, final)
     verdict = with_doubt(judge(final, bool(findings), dependence, log), findings)
     final = replace(final, systematic_mm=1e-3 * verdict.systematic_um)
     unusable = (f"{name} drives nothing: {reason}" for name, reason in dead.items())

@@ -91,8 +91,6 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
     if not (reason or against or wanders or few) and dependence is None:
         return Verdict("explained" if found else "adequate", None, tuple(notes))
     points = final.fitted.n > 0
-    if dependence is not None and points:  # weighed by uncertainties a part may be larger than the whole, in um
-        dependence = replace(dependence, size_um=min(dependence.size_um, _length(final)))
     text = f"{reason}; {largest(final)}" if reason else ""
     depends = ""
     if dependence is not None:  # what wanders too asks for the same measurement
@@ -101,6 +99,13 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
     excess = _length(final) * float(np.sqrt(1 - 1 / ratio)) if points else 0.0
     systematic = max(excess, dependence.size_um if dependence else 0.0) / float(np.sqrt(3 if points else 1))
     return Verdict("partly-explained" if found else "unexplained", text, tuple(notes), systematic)
+
+
+def no_larger(dependence: Dependence | None, final: Fit) -> Dependence | None:
+    """On what the rest depends, no larger than the rest: weighed by uncertainties a part may be more than the whole."""
+    if dependence is None or not final.fitted.n:
+        return dependence
+    return replace(dependence, size_um=min(dependence.size_um, _length(final)))
 
 
 def with_doubt(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
