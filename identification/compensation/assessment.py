@@ -147,7 +147,7 @@ def _by_tool(volume: Volume, held: Rows | None) -> list[Rows]:
 
 def _figures(volume: Volume, correct: Correct, rows: Rows) -> Figures:
     if rows.about is not None:
-        volume = replace(volume, field=volume.field.of_joints(rows.about[:1]))
+        volume = replace(volume, field=volume.field.of_joints(rows.about[:1]), pose=None)  # each run has a zero
     cases = (nothing, rows.measured), (volume.ideal, rows), (correct, rows)
     before, best, after = (Error.of(remaining(volume, c, r), volume.field.outward(r.q)) for c, r in cases)
     return Figures(rows.what, before, best, after)

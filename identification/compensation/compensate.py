@@ -37,7 +37,7 @@ from identification.compensation.findings import changed_columns, findings_of, o
 from identification.compensation.model_uncertainty import against_model, following, judged
 from identification.compensation.notes import inch_lines, still_lines, survey_notes
 from identification.compensation.options import check_invert, check_most, source_of
-from identification.compensation.read_motions import known_at_tip, motion_rows
+from identification.compensation.read_motions import known_at_tip, motion_rows, several_zeros
 from identification.compensation.reduction import aligned, leftover, reduce
 from identification.compensation.result import Compensation, Own, Stated
 from identification.compensation.reversal import reversals
@@ -117,6 +117,11 @@ def compensate(
             field = field.of_joints(known_at_tip(folder, read))
             held = motion_rows(field, table, read)
     volume = Volume.of(field, table, fit.frame_mode != "fixed", turns=read is None)
+    channels = [root(c) for c in field.chain.channels]
+    states = levels(table, channels)
+    middle = states[len(states) // 2]
+    if volume.free and read is not None:
+        volume = volume.counted_from(middle, every=several_zeros(fit.values, read))
     with progress("Following the errors along each axis"):
         setup, notes = volume.setup(points, resolution, axes)
     rotary = _rotary_axes(controller, volume, setup, seed, kinematics, fit) if read is None else None
@@ -135,13 +140,11 @@ def compensate(
     whole = fit if read is None else None
     setup, of_tools = following(whole, volume, setup, controller, seed)
     probing = _probing(controller, setup, volume) if probe else None
-    channels = [root(c) for c in field.chain.channels]
-    states = levels(table, channels)
     if len(states) > 1 and volume.free:
-        volume = replace(volume, pose=replace(volume, field=field.at(states[len(states) // 2])).frame)
+        volume = replace(volume, pose=volume.at(middle).frame)
     sets, designs = [], Designs(len(states))
     for state in states:
-        here = replace(volume, field=field.at(state))
+        here = volume.at(state)
         label = re.sub(r"[^\w.-]", "_", "_".join(f"{k}_{v:.1f}" for k, v in state.items()), flags=re.ASCII)
         what = f"{controller.title}{f', {label}' if label else ''}"
         if isinstance(controller, Controller):
@@ -163,14 +166,14 @@ def compensate(
     loose = sorted({c for c in channels if c not in states[0] and c.startswith(UNTABULATED_PREFIXES)})
     if isinstance(controller, Controller):
         said = state_lines(
-            replace(volume, field=field.at(usual.state)),
+            volume.at(usual.state),
             table,
             loose,
             emulated(controller, usual.tables, setup, volume),
             seed,
         )
     else:
-        said = state_lines(replace(volume, field=field.at(usual.state)), table, loose, volume.ideal, seed)
+        said = state_lines(volume.at(usual.state), table, loose, volume.ideal, seed)
     if rotary is not None and kinematics and isinstance(controller, Controller):
         bare = left(plain, emulated(controller, usual.tables, setup, plain), seed).rms_um
         rotary = replace(rotary, tables_alone_um=bare)
@@ -287,7 +290,7 @@ def _own_thermal(controller: Controller, setup: Setup, volume: Volume, sets: lis
         return None
     tables, laws, figures = sets[len(sets) // 2].tables, found.laws, []
     for stated in sets:
-        here = replace(volume, field=volume.field.at(stated.state))
+        here = volume.at(stated.state)
         plain, state = emulated(controller, tables, setup, here), stated.state
 
         def correct(
@@ -353,6 +356,8 @@ def best_tables(controller: Controller, setup: Setup, volume: Volume, designs: D
     the states of a machine (`designs`) decides for all.
     """
     structures = controller.structures(setup)
+    if volume.origin is not None and volume.reference_moved < controller.quantum(setup):
+        structures = [[t for t in terms if t.inputs or t.factor] for terms in structures]  # no shift of the zero
     longer = [t for t in structures[-1] if t.factor == LONGER]
     if longer:  # both from the same nodes in the same frame, so that they hold together
         return volume.followed([t for t in structures[-1] if t.factor != LONGER], longer, setup)

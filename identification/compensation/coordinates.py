@@ -35,6 +35,7 @@ class Coordinates:
     untouched_um : where zero stays, too.
     kept : whether the tables are those for whoever does not align again (``--keep-alignment``).
     kept_um : what these would leave where zero is set anew; None: not computed.
+    reference : place that errors count from and that the tables leave as it is; empty: there is none.
     """
 
     turn_urad: Vector
@@ -46,6 +47,7 @@ class Coordinates:
     untouched_um: float
     kept: bool = False
     kept_um: float | None = None
+    reference: str = ""
 
     @classmethod
     def of(cls, volume: Volume, correct: Correct, seed: int, kept: bool = False) -> Coordinates:
@@ -72,17 +74,24 @@ class Coordinates:
             _rms(framed(moved - wanted, shifts)),
             _rms(moved - wanted),
             kept,
+            reference="" if volume.origin is None else volume.reference,
         )
 
     def line(self, tables: bool = True) -> str:
         """The motion, what is asked for because of it, and what is left without that."""
+        what = "tables" if tables else "commands"
+        if self.reference:
+            return (
+                f"single joints are read from zeros of their own: errors count from {self.reference}, and these {what} "
+                "leave the machine where it stands there. A zero that was set there stays"
+            )
         turn, shift = (
             " ".join(f"{round(v, n) + 0.0:+.{n}f}" for v in vector)
             for vector, n in ((self.turn_urad, 1), (self.shift_mm, 4))
         )
         at = " ".join(f"{axis}={v:.0f}" for axis, v in zip("xyz", self.at_mm, strict=True))
         said = (
-            f"these {'tables' if tables else 'commands'} turn the machine's coordinates by {turn} urad about x, y, z "
+            f"these {what} turn the machine's coordinates by {turn} urad about x, y, z "
             f"and move them by {shift} mm (at {at})"
         )
         done, undone = self._steps()

@@ -124,7 +124,7 @@ def least_worst(
     for done in range(MOST_EXCHANGES):
         rows = 3 * len(asked) + len(steep)
         work -= rows * min(rows, columns)
-        if work < 0 and done > 1:
+        if not columns or (work < 0 and done > 1):
             break
         poses = np.concatenate([asked + k * n for k in range(3)])
         now = errors[poses] + design[poses] @ start, slopes.rows[steep] @ start

@@ -34,6 +34,15 @@ def known_at_tip(folder: Path, read: Mapping[str, Sequence[str]]) -> list[str]:
     return known
 
 
+def several_zeros(values: Mapping[str, float], read: Mapping[str, Sequence[str]]) -> bool:
+    """Whether an error motion was read from more than one zero: what moves the zero itself then does not show."""
+    return any(
+        sum(i.startswith(f"zero[{joint}, run ") and i.endswith(f"].{motion}") for i in values) > 1
+        for joint, motions in read.items()
+        for motion in motions
+    )
+
+
 def motion_rows(field: Field, table: pd.DataFrame, read: Mapping[str, Sequence[str]]) -> Rows | None:
     """Held-out residuals of error motions, transferred to the tool's tip.
 
@@ -56,7 +65,7 @@ def motion_rows(field: Field, table: pd.DataFrame, read: Mapping[str, Sequence[s
                 motions[:, MOTIONS.index(motion)] = factor * column.to_numpy(dtype=np.float64)[keep]
             part[keep] = np.einsum("nim,nm->ni", levers, motions)
     runs, joints = (table[c].astype(str).to_numpy(dtype=object)[known] for c in ("run", "joint"))
-    what = f"{known.sum()} rows left out of the fit in blocks"
+    what = f"{known.sum()} rows left out in blocks, less run means"
     held, seen = left[:, known]
     rows = Rows(q[known], came[known], tools[known], held, runs, what, joints, seen)
     return rows if len(rows) else None

@@ -6,7 +6,7 @@ Commands in mm and rad, points in mm in the axes of the reference frame.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -52,6 +52,8 @@ class Volume:
         workpiece, so all states of a machine share one pose.
     turns : whether a free frame may rotate as well. Single-joint error motions have an unknown zero, but the
         directions of the machine's own axes.
+    origin : state in which the reference point is taken to lie right, where `pose` says so (`counted_from`).
+    every : whether that is so of every state, each in itself.
     """
 
     field: Field
@@ -60,6 +62,8 @@ class Volume:
     free: bool
     pose: Pose | None = None
     turns: bool = True
+    origin: Mapping[str, float] | None = None
+    every: bool = False
 
     @classmethod
     def of(cls, field: Field, table: pd.DataFrame, free: bool, turns: bool = True) -> Volume:
@@ -83,6 +87,40 @@ class Volume:
         round_ = np.array([bool(may) and all_round(positions) for may, positions in zip(goes, q.T, strict=True)])
         low, high = np.where(round_, travel[:, 0], low), np.where(round_, travel[:, 0] + TURN, high)
         return cls(field, np.where(still, middle, low), np.where(still, middle, high), free, turns=turns)
+
+    def at(self, state: Mapping[str, float]) -> Volume:
+        """The same volume with the machine in another state."""
+        there = replace(self, field=self.field.at(state))
+        return there.counted_from(state, every=True) if self.every else there
+
+    def counted_from(self, origin: Mapping[str, float], every: bool = False) -> Volume:
+        """The same volume, whose errors count from where the tip is in a state with all axes at the reference point.
+
+        Tables then leave that place as it is. Readings of single joints do not show it: each has an unknown zero.
+        """
+        there = self._at_reference(self.field.at(origin))
+        return replace(self, pose=Pose(np.eye(3), there), origin=origin, every=every)
+
+    @property
+    def reference_moved(self) -> float:
+        """How far from its right place the tip is with all axes at the reference point, mm."""
+        target = np.zeros(3) if self.pose is None else self.pose.translation
+        return float(np.linalg.norm(self._at_reference(self.field) - target))
+
+    @property
+    def reference(self) -> str:
+        """The reference point in words: axes that moved, at zero or the nearest to it, mm and deg."""
+        place, moved = self.field.outward(self.clamp(np.zeros(len(self.low)))), self.high > self.low
+        return " ".join(
+            f"{j.name}={v + 0.0:g}" for j, v, m in zip(self.field.joints, np.round(place, 3), moved, strict=True) if m
+        )
+
+    def _at_reference(self, field: Field) -> Array:
+        """Error (3,), mm, at the reference point, mean of both directions of approach."""
+        q = np.tile(self.clamp(np.zeros(len(self.low))), (2, 1))
+        return np.asarray(
+            (field.actual(q, np.array([[1.0], [-1.0]]) * np.ones_like(q)) - field.nominal(q)).mean(axis=0)
+        )
 
     @cached_property
     def turning(self) -> NDArray[np.bool_]:
