@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 
     from errormodel.survey import Survey
     from identification.api.uses import AnyFit
+    from identification.results.stored_fit import Axes
     from identification.results.streamed_result import StreamedFitResult
     from identification.runtime.engines import Engine
 
@@ -85,7 +87,7 @@ def fit_stream(
 
 
 def predict_stream(
-    fit: AnyFit, points: Rows, out: str | Path, *, steps: Steps = uncounted
+    fit: AnyFit, points: Rows, out: str | Path, *, axes: Axes = "measured", steps: Steps = uncounted
 ) -> tuple[int, tuple[str, ...]]:
     """Predict at commands that may be more than fit the memory, and write a Parquet file.
 
@@ -93,6 +95,7 @@ def predict_stream(
     ----------
     fit, points : as of `predict`, `points` in a file or a folder.
     out : str or Path
+    axes : as of `predict`.
     steps : callable
         As of `fit_stream`.
 
@@ -113,7 +116,7 @@ def predict_stream(
     from identification.results.predictions import UNUSED
     from identification.streaming.tables import Noted, predictions
 
-    stored, noted = stored_of(fit), Noted()
+    stored, noted = replace(stored_of(fit), error_axes=axes), Noted()
     rows = open_rows(points, stored.chain.machine, measured=False)
     with steps("Predicting") as report:
         count = write_parquet_blocks(predictions(stored, rows, noted, report), out)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -21,12 +22,12 @@ if TYPE_CHECKING:
     from identification.results.monitor_result import MonitorResult
     from identification.results.results_folder import ResultsFolder
     from identification.results.saved_fit import SavedFit
-    from identification.results.stored_fit import StoredFit
+    from identification.results.stored_fit import Axes, StoredFit
 
 AnyFit: TypeAlias = "FitResult | SavedFit | str | Path"
 
 
-def predict(fit: AnyFit, points: AnySurvey, *, progress: Progress = silent) -> pd.DataFrame:
+def predict(fit: AnyFit, points: AnySurvey, *, axes: Axes = "measured", progress: Progress = silent) -> pd.DataFrame:
     """Predict positions, volumetric errors and their standard uncertainty at commands.
 
     Parameters
@@ -35,6 +36,8 @@ def predict(fit: AnyFit, points: AnySurvey, *, progress: Progress = silent) -> p
         A result, or the folder that one was saved in.
     points : Survey, str, Path or DataFrame
         Commands; columns as in a survey, without the measured ones.
+    axes : "measured" or "machine"
+        Along which ``ex ey ez`` and ``ux uy uz`` are: the axes of the measuring frame, or x y z of ``machine.yaml``.
     progress : callable
         Called with the name of each long part; returns a context manager around it.
 
@@ -52,7 +55,7 @@ def predict(fit: AnyFit, points: AnySurvey, *, progress: Progress = silent) -> p
     """
     from identification.results.predictions import predicted
 
-    stored = stored_of(fit)
+    stored = replace(stored_of(fit), error_axes=axes)
     return predicted(stored, survey_of(points, stored.chain.machine, measured=False), progress)
 
 

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from errormodel import Survey
     from identification.results.output_file import OutputFile
     from identification.results.results_folder import ResultsFolder
+    from identification.results.stored_fit import Axes
 
 NO_MEMORY = (
     "memory: there is too little for this input; nothing was put in place. "
@@ -252,20 +253,30 @@ def diagnose(machine: str, survey: Path, out: ResultsFolder) -> None:
 @click.option(
     "--stream", is_flag=True, help="A block of rows at a time, as Parquet: for more rows than fit the memory."
 )
-def predict(folder: Path, points: Path, out: OutputFile, stream: bool) -> None:
-    """Predict at POINTS from the FOLDER of a fit: position, volumetric error, standard uncertainty."""
+@click.option(
+    "--axes",
+    type=click.Choice(["measured", "machine"]),
+    default="measured",
+    help="Of ex ey ez and ux uy uz: axes of the measuring frame (a tracker's, however it is turned), or x y z of "
+    "machine.yaml.  [default: measured]",
+)
+def predict(folder: Path, points: Path, out: OutputFile, stream: bool, axes: Axes) -> None:
+    """Predict at POINTS from the FOLDER of a fit: position, volumetric error, standard uncertainty.
+
+    All are along the axes of the measuring frame; --axes machine gives errors along those of the machine.
+    """
     from errormodel import read_survey
     from identification import api
 
     if stream:
         from identification.command_line.streams import predict_stream
 
-        return predict_stream(folder, points, out)
+        return predict_stream(folder, points, out, axes)
 
     saved = api.load(folder)
     commands = read_survey(points, saved.machine, measured=False)
-    show_notes(saved.notes_on(commands))
-    table = api.predict(saved, commands, progress=working)
+    show_notes(saved.notes_on(commands, axes))
+    table = api.predict(saved, commands, axes=axes, progress=working)
     out.write_csv(table)
     say(f"{counted(len(table), 'prediction')} written to {out}")
     return None

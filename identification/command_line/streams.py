@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from errormodel import Machine, Survey
     from identification.results.output_file import OutputFile
     from identification.results.results_folder import ResultsFolder
+    from identification.results.stored_fit import Axes
 
 MOST_STREAMED_POSES = 1_000_000_000  # simulated block by block
 
@@ -78,14 +79,14 @@ def _one(crew: dict[str, Any]) -> dict[str, Any]:
     return crew | ({"workers": 1} if alone else {})
 
 
-def predict_stream(folder: Path, points: Path, out: OutputFile) -> None:
+def predict_stream(folder: Path, points: Path, out: OutputFile, axes: Axes) -> None:
     """`predict --stream`."""
     from identification import api
 
     saved = api.load(folder)
     _check_parquet(out)
     with out.replaced() as part:
-        count, notes = api.predict_stream(saved, points, part, steps=counting)
+        count, notes = api.predict_stream(saved, points, part, axes=axes, steps=counting)
     show_notes(notes)
     say(f"{counted(count, 'prediction')} written to {out}")
 

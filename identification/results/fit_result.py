@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
     from errormodel.machine import Machine
     from identification.estimation.result import Fit, Spread
-    from identification.results.stored_fit import StoredFit
+    from identification.results.stored_fit import Axes, StoredFit
     from identification.sources import AnySurvey
 
 STATISTICS_COLUMNS = ("rms_um", "mean_um", "max_um", "n")  # columns of the table of residual statistics
@@ -147,12 +148,12 @@ class FitResult:
 
         return "\n".join(fit_lines(self.analysis))
 
-    def predict(self, points: AnySurvey) -> pd.DataFrame:
+    def predict(self, points: AnySurvey, axes: Axes = "measured") -> pd.DataFrame:
         """The same as `identification.predict` with this result."""
         from identification.results.predictions import predicted
         from identification.sources import survey_of
 
-        return predicted(self.stored, survey_of(points, self.machine, measured=False))
+        return predicted(replace(self.stored, error_axes=axes), survey_of(points, self.machine, measured=False))
 
     def report(self) -> str:
         """The report, as HTML that holds all it shows."""

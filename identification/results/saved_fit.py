@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from identification.results.stored_fit import StoredFit
+from identification.results.stored_fit import Axes, StoredFit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -63,18 +63,18 @@ class SavedFit:
         table.attrs["units"] = table["unit"].to_dict()
         return table
 
-    def predict(self, points: AnySurvey) -> pd.DataFrame:
+    def predict(self, points: AnySurvey, axes: Axes = "measured") -> pd.DataFrame:
         """The same as `identification.predict` with this result."""
         from identification.results.predictions import predicted
         from identification.sources import survey_of
 
-        return predicted(self.stored, survey_of(points, self.machine, measured=False))
+        return predicted(replace(self.stored, error_axes=axes), survey_of(points, self.machine, measured=False))
 
-    def notes_on(self, commands: Survey) -> tuple[str, ...]:
+    def notes_on(self, commands: Survey, axes: Axes = "measured") -> tuple[str, ...]:
         """Sentences on commands: what their reading assumed, and where they lie outside of what was measured."""
         from identification.results.predictions import notes_on
 
-        return notes_on(self.stored, commands)
+        return notes_on(replace(self.stored, error_axes=axes), commands)
 
     def __repr__(self) -> str:
         return f"<SavedFit: {self.machine.name}, {len(self.stored.base)} groups, {self.folder}>"

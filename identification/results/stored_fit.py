@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from identification.uncertainty.one_side import only_sides
 from identification.uncertainty.other_effects import OtherEffect
 from identification.uncertainty.recording_end import runs_of, temperatures_of
 
+Axes = Literal["measured", "machine"]
 SCHEMA = "errormodel.fit/1"
 CURE = "Give the folder that `errormodel fit ... --out DIR` wrote"
 CORRELATION_MARGIN = 1e-6  # rounding errors of a covariance, relative; far above those of a product of matrices
@@ -49,6 +50,7 @@ class StoredFit:
     systematic: float = 0.0  # mm of a coordinate, in the residuals, but no noise
     others: tuple[OtherEffect, ...] = ()  # what the recording leaves open of effects
     unlisted: tuple[str, ...] = ()  # what is said of a folder whose files cannot be checked
+    error_axes: Axes = "measured"  # of predicted errors: those of the measuring frame, or x y z of ``machine.yaml``
 
     @property
     def fitted(self) -> Spread:

@@ -6,6 +6,7 @@ Positions and errors are in mm in the measuring frame, error motions in mm and r
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -45,6 +46,12 @@ if TYPE_CHECKING:
 
 PREDICTION_BLOCK_ROWS = 8192  # rows whose M is held at a time: limits the memory
 
+ERRORS = ("ex", "ey", "ez", "ux", "uy", "uz")
+TURNED_DEG = 1.0  # deg: a measuring frame turned by less hardly changes what an error along an axis is; by judgement
+TURNED = (
+    "ex ey ez and ux uy uz are along the axes of the measuring frame, which is turned against the machine by {}{:.1f} "
+    "deg: --axes machine gives them along x y z of machine.yaml"
+)
 FREE_REFERENCE = (
     "readings alone do not show where the machine stands: positions and errors are relative to the reference that its "
     "own errors fit best over the travels, and a shift or rotation of all of it is not in their uncertainty"
@@ -84,8 +91,14 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
         ``mx my mz`` (predicted measurement), ``ex ey ez`` (error, actual minus nominal) and ``ux uy uz`` (its standard
         uncertainty, k = 1), mm in the measuring frame. Rows about one joint (column ``joint``) get its error motions
         ``dx ... ec`` (mm, rad) relative to the joint's own zero, and their standard uncertainties ``u_dx ... u_ec``.
+        With the machine's axes (`StoredFit.error_axes`) ``e`` and ``u`` are along x y z of ``machine.yaml``.
     """
     import pandas as pd
+
+    if fit.error_axes == "machine":
+        fit = replace(fit, error_axes="measured")
+        unturned = {label: replace(pose, rotation=np.eye(3)) for label, pose in fit.frames.items()}
+        return predict(fit, points).assign(**predict(replace(fit, frames=unturned), points)[[*ERRORS]])
 
     labels = _labels(fit, points)
     channels = _channels(fit, points)
@@ -156,7 +169,7 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     """Notes on unchecked files, assumed rotations, rows in another run's frame, extrapolation, assumed directions."""
     beyond = beyond_notes(fit.chain, fit.data.get("covered", {}), points.table)
     free = (FREE_REFERENCE,) if fit.free_reference else ()
-    own = (*fit.unlisted, *rotation_notes(fit.frames))
+    own = (*fit.unlisted, *_turned(fit), *rotation_notes(fit.frames))
     temperatures = fit.data.get("temperatures", {})
     late = (*started_anew(fit.chain, temperatures, points.table), *after_gaps(fit.chain, temperatures, points.table))
     ended = as_in_last_run(fit.chain, fit.data.get("runs", ()), with_runs(points))
@@ -174,6 +187,13 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
         *from_other_sides(fit.chain, fit.data.get("only_sides", {}), points),
     )
     return (*misfit, *left, *mistakes, *own, *_unfitted(fit, points), *free, *beyond, *changes, *_arrivals(fit, points))
+
+
+def _turned(fit: StoredFit) -> Iterator[str]:
+    """A note where the errors' axes are far from those of the machine."""
+    turns = [float(np.degrees(np.arccos(np.clip((np.trace(p.rotation) - 1) / 2, -1, 1)))) for p in fit.frames.values()]
+    if fit.error_axes == "measured" and max(turns, default=0.0) > TURNED_DEG:
+        yield TURNED.format("up to " if len(turns) > 1 else "", max(turns))
 
 
 def _misfit(fit: StoredFit) -> float:

@@ -229,7 +229,7 @@ def test_cycles_of_a_machine(survey: pd.DataFrame, tmp_path: Path) -> None:
 
 def test_predictions_say_what_was_assumed(survey: pd.DataFrame, tmp_path: Path) -> None:
     result = fit(MILL, survey)
-    inside = result.predict(survey.head(2)[["X", "Y", "Z"]])
+    inside = result.predict(survey.head(2)[["X", "Y", "Z"]], axes="machine")
     far = survey[["X", "Y", "Z"]].sort_values("X").tail(3)
     half = fit(MILL, survey[survey["X"] < 100])
     assert inside.attrs["units"]["ux"] == "mm"

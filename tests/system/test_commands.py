@@ -197,7 +197,7 @@ def test_runs_with_frames_of_their_own(tmp_path: Path) -> None:
     fit = read_json(tmp_path / "fit/fit.json")
     assert [f["label"] for f in fit["frame"]] == ['st. 0, "<b>"', 'st. 1, "<b>"']
     assert "<b>" not in (tmp_path / "fit/report.html").read_text()
-    known = done("predict", tmp_path / "fit", tmp_path / "s.csv", "--out", tmp_path / "p.csv")
+    known = done("predict", tmp_path / "fit", tmp_path / "s.csv", "--axes", "machine", "--out", tmp_path / "p.csv")
     assert known.err == "note: predicted from the commands alone: what was measured there is not used\n"
     np.testing.assert_allclose(pd.read_csv(tmp_path / "p.csv")[XYZ], survey[XYZ], atol=1e-5)
     survey.assign(run="new").to_csv(tmp_path / "n.csv", index=False)

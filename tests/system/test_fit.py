@@ -6,17 +6,21 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from errormodel.chain import Chain
 from errormodel.machine import Machine
 from errormodel.machine_file import library, read_machine
 from errormodel.survey import Survey
+from identification import api
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
 from identification.results.store import load, save
-from identification.uncertainty.prediction import predict
+from identification.uncertainty.prediction import notes, predict
 from tests.helpers.chains import Array, errors
+from tests.helpers.commands import run
 from tests.helpers.nightly import first_of
 from tests.helpers.surveys import FAR, TURNED, measured, positions, prediction_error, stored, survey
 
@@ -68,8 +72,8 @@ def test_a_frame_for_each_run() -> None:
     fit = fit_machine(machine, survey(*tables, frame="per-run"))
     assert list(fit.problem.frames) == list(frames)
     assert fit.fitted.rms_um < EXACT
-    for run, frame in frames.items():
-        assert prediction_error(fit, p, frame=frame, run=run) < EXACT
+    for label, frame in frames.items():
+        assert prediction_error(fit, p, frame=frame, run=label) < EXACT
 
 
 def test_a_test_file_finds_its_frame_and_its_tool() -> None:
@@ -105,6 +109,59 @@ def test_save_load_predict(tmp_path: Path) -> None:
     columns = ["mx", "my", "mz", "ex", "ey", "ez"]
     np.testing.assert_allclose(found[columns], expected[columns], rtol=0, atol=1e-9)
     np.testing.assert_allclose(found[["ux", "uy", "uz"]], expected[["ux", "uy", "uz"]], rtol=1e-9)
+
+
+def test_errors_along_the_machines_axes_do_not_depend_on_how_the_tracker_stands(tmp_path: Path) -> None:
+    machine, turn = read_machine(FIVE_AXIS), Rotation.from_euler("XYZ", [1.0, -2.0, 37.0], degrees=True)
+    p = errors(Chain(machine), 7)
+    straight = positions(measured(machine, p, 100, 1, noise=2e-3, frame=(FAR, (0.0, 0.0, 0.0))))
+    turned, points = straight.copy(), survey(straight)
+    turned[["mx", "my", "mz"]] = turn.apply(straight[["mx", "my", "mz"]].to_numpy().copy())
+    save(fit_machine(machine, survey(turned)), tmp_path / "turned")
+    save(fit_machine(machine, survey(straight)), tmp_path / "straight")
+    there, here = load(tmp_path / "turned"), load(tmp_path / "straight")
+    e, u = ["ex", "ey", "ez"], ["ux", "uy", "uz"]
+    as_machine, along = replace(there, error_axes="machine"), predict(here, points)
+    found, measuring = predict(as_machine, points), predict(there, points)
+    # an alignment is off by what the machine errs, some 1e-5 rad, and so are the axes of errors of 0.1 mm
+    np.testing.assert_allclose(found[e], along[e], rtol=0, atol=5e-6)
+    np.testing.assert_allclose(found[u], along[u], rtol=1e-4)
+    assert np.abs(measuring[e] - along[e]).to_numpy().max() > 5e-3
+    np.testing.assert_allclose(turn.apply(found[e].to_numpy().copy()), measuring[e], rtol=0, atol=5e-6)
+    np.testing.assert_array_equal(found[["mx", "my", "mz"]], measuring[["mx", "my", "mz"]])
+    said = "turned against the machine by 37.0 deg: --axes machine gives them along x y z of machine.yaml"
+    assert any(said in note for note in notes(there, points))
+    assert not any("--axes" in note for fit in (as_machine, here) for note in notes(fit, points))
+
+
+def test_the_command_gives_errors_along_either_axes(tmp_path: Path) -> None:
+    machine = read_machine(THREE_AXIS)
+    table = positions(measured(machine, errors(Chain(machine), 7), 60, 1, noise=2e-3))
+    save(fit_machine(machine, survey(table)), tmp_path / "fit")
+    table[[j.name for j in machine.joints]].to_csv(tmp_path / "p.csv", index=False)
+    out = {
+        axes: run("predict", tmp_path / "fit", tmp_path / "p.csv", *(("--axes", axes) if axes else ()), "--out", out)
+        for axes, out in (("", tmp_path / "a.csv"), ("measured", tmp_path / "b.csv"), ("machine", tmp_path / "c.csv"))
+    }
+    assert all(result.code == 0 for result in out.values())
+    assert [("--axes machine" in result.err) for result in out.values()] == [True, True, False]
+    plain, same, machines = (pd.read_csv(tmp_path / f"{name}.csv") for name in "abc")
+    assert plain.equals(same)
+    assert [*plain] == [*machines]
+    along = api.predict(tmp_path / "fit", tmp_path / "p.csv", axes="machine")
+    np.testing.assert_allclose(machines[["ex", "ey", "ez"]], along[["ex", "ey", "ez"]], rtol=0, atol=1e-9)
+    stream = run(
+        "predict",
+        tmp_path / "fit",
+        tmp_path / "p.csv",
+        "--axes",
+        "machine",
+        "--stream",
+        "--out",
+        tmp_path / "d.parquet",
+    )
+    assert stream.code == 0
+    np.testing.assert_allclose(pd.read_parquet(tmp_path / "d.parquet")[["ex", "ux"]], along[["ex", "ux"]], rtol=1e-9)
 
 
 def test_inches_and_metres_give_the_same_parameters(tmp_path: Path) -> None:
