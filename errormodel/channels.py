@@ -42,6 +42,8 @@ DERIVED_CHANNEL = re.compile(r"(lag|initial|play)\((.+),([^,()]+)\)", re.DOTALL)
 SMOOTHING_SECONDS = 240.0
 # K rms, least misfit of one common clock that shows clocks of their own for the runs; sensors' noise leaves 0.05
 CLOCK_MISFIT_KELVIN = 0.1
+# K between two rows of one clock and time that no noise and no rounded time explains; by judgement
+AT_ONCE_KELVIN = 0.5
 # columns that must be complete; positions may be missing in rows about another joint
 UNITS_OF_CHANNELS = {"time": "s", "feed": "mm/min", "load": "kg"}
 OWN_COLUMNS = ("file", "role", "row")  # of a survey's table, which no file has
@@ -161,6 +163,30 @@ def clocks(table: pd.DataFrame, name: str) -> Index:
                 if _own_clocks(time[rows], values[rows], labels[rows]):
                     out[rows] = out.max() + 1 + labels[rows]
     return out
+
+
+def check_one_temperature(table: pd.DataFrame, names: Iterable[str]) -> None:
+    """Raise InputError where one clock that runs has two temperatures of a sensor at one time."""
+    if "time" not in table or not table["time"].notna().all():
+        return
+    time = table["time"].to_numpy(dtype=np.float64)
+    for name in (n for n in names if n in table and table[n].notna().all()):
+        values = table[name].to_numpy(dtype=np.float64)
+        for rows in _by_label(clocks(table, name)):
+            order = rows[np.lexsort((values[rows], time[rows]))]
+            first = np.concatenate([[True], np.diff(time[order]) > 0])
+            lowest = order[np.maximum.accumulate(np.where(first, np.arange(len(order)), 0))]
+            row, other = order[k := int(np.argmax(values[order] - values[lowest]))], lowest[k]
+            if np.ptp(time[rows]) > 0 and values[row] - values[other] > AT_ONCE_KELVIN:
+                also = (
+                    f"row {_place(table, int(other))[1]} has {values[other]:g} degC at the same time, {time[row]:g} s"
+                )
+                raise InputError(
+                    f"{', row '.join(_place(table, int(row)))}, column {name}",
+                    f"{values[row]:g} degC, where {also}: one clock has one temperature at a time",
+                    "If each row is a case of its own, in which the machine has settled, give all of them one time; "
+                    "if they belong to several recordings, give each a run of its own, with times from its beginning",
+                )
 
 
 def _own_clocks(time: Array, values: Array, labels: Index) -> bool:

@@ -49,15 +49,18 @@ def in_clock_of(stored: StoredFit, commands: Survey) -> Survey:
     Raises
     ------
     InputError
-        The times are dates, those of the survey were not, and the model depends on the time.
+        The times are dates, those of the survey were not, and the model depends on the time; or the model depends on a
+        temperature that has two values at one time.
     """
     from dataclasses import replace
 
     import numpy as np
 
-    from errormodel.channels import root
+    from errormodel.channels import check_one_temperature, root
     from errormodel.exceptions import InputError
 
+    sensors = dict.fromkeys(map(root, stored.chain.channels))
+    check_one_temperature(commands.table, [name for name in sensors if name.startswith("T_")])
     if "time" not in commands.table or "time" not in map(root, stored.chain.channels):
         return commands
     zero = stored.data.get("clock_zero")

@@ -77,3 +77,46 @@ def test_dates_are_refused_where_the_survey_had_seconds(folder: Path) -> None:
     assert refused.code == 2
     assert "late_dated.csv, column time: dates, where the fitted survey has seconds" in refused.err
     assert not (folder / "no.csv").exists()
+
+
+@pytest.fixture(scope="module", params=["", ", tau: 900"])
+def growing(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A fit of a machine whose X grows with a temperature, at once or late."""
+    folder = tmp_path_factory.mktemp("growing")
+    text = (Path(__file__).resolve().parents[2] / "machines" / f"{MILL}.yaml").read_text(encoding="utf-8")
+    effect = f"{{effect: scale-expansion, joint: X, sensor: T_bed{request.param}}}"
+    machine = write(folder / "machine.yaml", f"{text}\neffects: [{effect}]\n")
+    done("simulate", MILL, 80, "--out", folder / "p.csv")
+    time = np.linspace(0.0, 7200.0, 80)
+    points = pd.read_csv(folder / "p.csv").drop(columns=XYZ).assign(time=time, T_bed=20 + 3e-4 * time)
+    points.to_csv(folder / "p.csv", index=False)
+    truth = write(folder / "truth.yaml", "parameters: {X.dx.scale-expansion: 1.1e-5}\n")
+    done("simulate", machine, folder / "p.csv", "--parameters", truth, "--noise", 1e-5, "--out", folder / "s.csv")
+    done("fit", machine, folder / "s.csv", "--out", folder / "fit")
+    return folder
+
+
+def test_one_clock_has_one_temperature_at_a_time(growing: Path) -> None:
+    """Two states written at one time were averaged in silence, and both predicted alike."""
+    poses = pd.read_csv(growing / "p.csv").drop(columns=["time", "T_bed"]).head(2)
+    start, warm, hot = (
+        poses.assign(time=t, T_bed=kelvin) for t, kelvin in ((0.0, 20.0), (9000.0, 22.0), (9000.0, 23.0))
+    )
+    pd.concat([start, warm, hot]).to_csv(growing / "same.csv", index=False)
+    got = run("predict", growing / "fit", growing / "same.csv", "--out", growing / "out.csv")
+    assert got.code == 2
+    assert "same.csv, row 5, column T_bed: 23 degC, where row 3 has 22 degC at the same time, 9000 s" in got.err
+    cases = pd.concat([start, warm, hot]).assign(time=9000.0)
+    cases.to_csv(growing / "cases.csv", index=False)
+    runs = pd.concat([t.assign(run=r) for r, ts in (("a", (start, warm)), ("b", (start, hot))) for t in ts])
+    runs.to_csv(growing / "runs.csv", index=False)
+    (growing / "noise.csv").write_text(
+        pd.concat([start, start.assign(T_bed=20.3), warm]).to_csv(index=False), encoding="utf-8"
+    )
+    for name in ("cases", "runs", "noise"):
+        done("predict", growing / "fit", growing / f"{name}.csv", "--out", growing / "out.csv")
+        if name == "cases":
+            table = pd.read_csv(growing / "out.csv")
+            moved = table[XYZ].iloc[4:].to_numpy() - table[XYZ].iloc[2:4].to_numpy()
+            grown = 1.1e-5 * np.abs(poses["X"].to_numpy())
+            np.testing.assert_allclose(np.linalg.norm(moved, axis=1), grown, atol=2e-5)
