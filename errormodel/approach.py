@@ -45,6 +45,12 @@ def direction(table: pd.DataFrame, joint: str) -> Array:
     return result
 
 
+def one_way_each(sides: Array, labels: Array) -> bool:
+    """Whether rows (n,) came from both sides, but those of each label from one side only."""
+    codes = np.unique(labels.astype(str), return_inverse=True)[1]
+    return len(np.unique(sides)) > 1 and len(np.unique(np.stack([codes, sides]), axis=1).T) == len(np.unique(codes))
+
+
 def assumed_sides(table: pd.DataFrame, joint: str) -> Index:
     """Which rows have a direction of approach that nothing states: those before a joint's first move in a file or run.
 

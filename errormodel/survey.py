@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from errormodel.approach import direction
+from errormodel.approach import direction, one_way_each
 from errormodel.conventions import MOTIONS
 from errormodel.drives import check_series, in_step
 from errormodel.effects.axis_blunder import mended
@@ -278,7 +278,7 @@ def _side_notes(table: pd.DataFrame, machine: Machine, frame: Frame) -> Iterator
                 f"no {name} in rows about {joint}: the side of arrival is taken from the order of the rows, as of a "
                 "test to and fro that overruns its last target (ISO 230-2)"
             )
-        if frame != "fixed" and (pd.Series(side).groupby(table["run"][own].to_numpy()).nunique() == 1).all():
+        if frame != "fixed" and one_way_each(side, table["run"][own].to_numpy()):
             yield (
                 f"each run of {joint} goes one way only, and comes from a zero of its own: backlash cannot be "
                 "distinguished from the zeros. Give the way there and back one label of run"

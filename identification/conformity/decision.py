@@ -13,6 +13,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
+
 from errormodel.exceptions import InputError, nearest
 from errormodel.surveys.record import Limit, Rule
 from identification.iso_standards.base import COVERAGE_FACTOR, Quantity
@@ -74,7 +76,8 @@ class Conformity:
         """The decisions, worst first: what fails, and in it what is largest beside its limit."""
 
         def rank(j: Judgement) -> tuple[int, float]:
-            return ORDER.index(j.verdict), -abs(j.quantity.value) / max(j.limit, 1e-300)
+            size = abs(j.quantity.value) if np.isfinite(j.quantity.value) else 0.0
+            return ORDER.index(j.verdict), -size / max(j.limit, 1e-300)
 
         return tuple(sorted(self.judgements, key=rank))
 
@@ -97,6 +100,9 @@ def judged(quantity: Quantity, limit: Limit, rule: Rule) -> Judgement:
         found = f"{limit.text}, while {quantity.name} is in {'µm' if quantity.unit == 'mm' else quantity.unit}"
         raise InputError(f"tolerance of {quantity.name}", found, "Write a limit in a unit of that kind")
     size, bound = abs(quantity.value), limit.at(quantity.length)
+    if not np.isfinite(size):
+        reason = f"it is not determined: {quantity.basis}"
+        return Judgement(quantity, bound, limit.text, 0.0, "cannot be decided", reason)
     if rule == "simple":
         verdict: Verdict = "passes" if size <= bound else "fails"
         return Judgement(quantity, bound, limit.text, 0.0, verdict, "")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from identification.conformity.decision import RULES, Conformity, Judgement
 from identification.iso_standards.base import Quantity, rounded
 from identification.results.parameter_table import decimals, printed
@@ -12,6 +14,7 @@ from identification.results.parameter_table import decimals, printed
 if TYPE_CHECKING:
     from identification.results.evaluation_result import EvaluationResult
 
+UNDETERMINED = "not determined"
 MOST_LINES = 24  # quantities that the command line prints of one standard
 
 
@@ -49,6 +52,8 @@ def unit_word(text: str) -> str:
 
 def value_text(q: Quantity) -> str:
     """Value with its expanded uncertainty and unit."""
+    if not np.isfinite(q.value):
+        return UNDETERMINED
     factor, unit = printed(q.unit)
     digits = decimals(factor * q.expanded / 2) if q.expanded else 2
     around = "" if q.expanded is None else f" ± {factor * q.expanded:.{digits}f}"
@@ -58,6 +63,8 @@ def value_text(q: Quantity) -> str:
 def cells(q: Quantity) -> tuple[str, str, str]:
     """Value, expanded uncertainty and unit, for a table."""
     factor, unit = printed(q.unit)
+    if not np.isfinite(q.value):
+        return UNDETERMINED, "–", unit
     digits = decimals(factor * q.expanded / 2) if q.expanded else 2
     expanded = "–" if q.expanded is None else rounded(factor * q.expanded, digits)
     return rounded(factor * q.value, digits), expanded, unit

@@ -34,10 +34,10 @@ class Quantity:
     symbol : as the standard writes it, such as ``A`` or ``EC(0X)Y``.
     of : the axis, pair of axes, line or diagonal that it is of; may be empty.
     words : what it is.
-    value : in `unit`; a range is positive, a deviation is actual minus nominal.
+    value : in `unit`; a range is positive, a deviation is actual minus nominal; NaN where it is not determined.
     unit : mm, rad, or another internal unit.
     expanded : expanded uncertainty (k = 2) in `unit`; None where it is not known.
-    basis : where the uncertainty comes from, or why there is none.
+    basis : where the uncertainty comes from, or why there is none; of what is not determined, why.
     length : mm, where a limit may depend on one.
     """
 

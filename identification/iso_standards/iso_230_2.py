@@ -20,8 +20,8 @@ from errormodel.surveys.record import UncertaintyRecord
 from identification.iso_standards.base import Evaluation, Quantity, Sheet, Standard, spread, text
 from identification.iso_standards.fitted import FittedMachine
 from identification.iso_standards.measured_lengths import BEAM_NOTE, ZERO_NOTE, lengths_of
-from identification.iso_standards.series import series_of
-from identification.iso_standards.targets import WORDS, Axis, as_json, axis_of, chart, of_readings, sheet
+from identification.iso_standards.series import series_of, zeros_apart
+from identification.iso_standards.targets import OF_BOTH, WORDS, Axis, as_json, axis_of, chart, of_readings, sheet
 from identification.results.terminal import counted
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ MODEL_TARGETS = 21  # of a test of a fitted model: enough for curves that polyno
 # expanded uncertainty (k = 2) of a rectangular distribution over its range: 2 / (2 sqrt 3), which annex A rounds up
 OF_RANGE = 0.6
 
+APART = "each run goes one way only and has a zero of its own: nothing ties readings from below to those from above"
 WITHOUT_PLAY = "systematic positioning error, without reversal"  # E of a model that has no play
 
 Part: TypeAlias = "tuple[str, str, Axis, list[Quantity], tuple[str, ...]]"  # label, unit, values, figures, remarks
@@ -130,6 +131,7 @@ class Positions(NamedTuple):
     q : (n,) commands; `along` (n,) deviations, `sigma` (n,) their declared standard uncertainties: mm or rad.
     direction : (n,) +-1, side of arrival.
     beam : whether lengths were read; from_pose : each of them from a pose of its own.
+    apart : why the sides do not compare; empty: they do.
     """
 
     label: str
@@ -140,13 +142,15 @@ class Positions(NamedTuple):
     direction: Array
     beam: bool = False
     from_pose: bool = False
+    apart: str = ""
 
 
 def _tests(survey: Survey, machine: Machine) -> Iterator[Positions]:
     """The positioning tests of a survey."""
     for s in series_of(survey, machine):
         if np.isfinite(s.along).sum() >= FEWEST_READINGS:
-            yield Positions(s.label, s.unit, s.q, s.along, s.along_sigma, s.direction)
+            why = APART if zeros_apart(survey, s) else ""
+            yield Positions(s.label, s.unit, s.q, s.along, s.along_sigma, s.direction, apart=why)
     found = [lengths for lengths in lengths_of(survey, machine) if len(lengths.moving) == 1]
     names = [machine.joints[lengths.moving[0]].name for lengths in found]
     for lengths, name in zip(found, names, strict=True):
@@ -176,7 +180,7 @@ class Positioning(Standard):
         parts: list[Part] = []
         budgets: list[Sheet] = []
         for series in found:
-            axis = axis_of(series.q, series.along, series.direction)
+            axis = axis_of(series.q, series.along, series.direction, series.apart)
             sigma = series.sigma
             noise = None if sigma is None or not np.isfinite(sigma).any() else float(np.nanmax(sigma))
             travel = float(np.ptp(axis.targets))
@@ -189,8 +193,8 @@ class Positioning(Standard):
                     WORDS[name],
                     float(v),
                     series.unit,
-                    known.get(name),
-                    _basis(name, known, series.unit),
+                    known.get(name) if np.isfinite(v) else None,
+                    _basis(name, known, series.unit) if np.isfinite(v) else series.apart,
                 )
                 for name, v in axis.figures().items()
             ]
@@ -255,6 +259,11 @@ def remarks(series: Positions, axis: Axis) -> list[str]:
         out.append(f"{name}: {counted(axis.runs, 'run')} from each side; the standard has {usual}")
     if axis.one_sided:
         out.append(f"{name}: {axis.one_sided}")
+    if axis.apart:
+        out.append(
+            f"{name}: {axis.apart}, so that {', '.join(OF_BOTH)}, which compare them, are not determined. Give the way "
+            "there and back one label of run; or write frame: fixed where one zero held for all runs"
+        )
     if not axis.both:
         out.append(f"{name}: targets were approached from one side only, so that A, E, M, R and B are not given")
     fewest, of = _fewest_targets(series.unit, travel)

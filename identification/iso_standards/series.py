@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.approach import passes
+from errormodel.approach import one_way_each, passes
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.conventions import ROTATIONS, TRANSLATIONS
@@ -262,6 +262,15 @@ def _together(own: Index, place: Index) -> Index:
     """Rows with a neighbour in the order of the rows: where lines cross, a row belongs to the one it was read in."""
     near = np.isin(own - 1, own) | np.isin(own + 1, own)
     return own[near] if len(np.unique(place[own[near]])) > 2 else own
+
+
+def zeros_apart(survey: Survey, series: Series) -> bool:
+    """Whether readings of a series from below and from above count from different zeros, or in different frames."""
+    if survey.frame == "fixed":
+        return False
+    of_motions = not series.at and "joint" in survey.table
+    labels = survey.table["run"].to_numpy(dtype=object) if of_motions else frame_labels(survey, survey.frame)
+    return one_way_each(series.direction, labels[series.index])
 
 
 def sides_of(survey: Survey, joint: Joint, index: Index, position: Array) -> Array:

@@ -29,6 +29,7 @@ WORDS = {
     "B": "reversal error",
     "B mean": "mean reversal error",
 }
+OF_BOTH = ("A", "E", "R", "B", "B mean")  # of WORDS: what compares readings from below with those from above
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ class Axis:
     s_up, s_down : (m,) standard deviations; NaN with fewer than two runs.
     runs : fewest readings of a target from one side.
     one_sided : a remark on targets that were read from one side only, and take no part where others have both.
+    apart : why readings from below and from above do not compare, as each side has zeros of its own; empty: they do.
     """
 
     targets: Array
@@ -51,6 +53,7 @@ class Axis:
     s_down: Array
     runs: int
     one_sided: str = ""
+    apart: str = ""
 
     @property
     def both(self) -> bool:
@@ -73,8 +76,8 @@ class Axis:
 
     @property
     def reversal(self) -> Array:
-        """Reversal error ``B_i``: from below minus from above."""
-        return self.up - self.down
+        """Reversal error ``B_i``: from below minus from above; NaN where the sides do not compare."""
+        return np.full_like(self.up, np.nan) if self.apart else self.up - self.down
 
     @property
     def repeatability(self) -> Array:
@@ -83,7 +86,11 @@ class Axis:
         return np.maximum(np.maximum(together, 4 * self.s_up), 4 * self.s_down)
 
     def figures(self) -> dict[str, Array]:
-        """The figures of the axis, each of the leading shape of the means, as far as the test gives them."""
+        """The figures of the axis, each of the leading shape of the means, as far as the test gives them.
+
+        Where the sides do not compare (`apart`), those that depend on both together are NaN. M is a range of their mean
+        and does not depend on what lies between them.
+        """
         out: dict[str, Array] = {}
         sides = {"↑": (self.up, self.s_up), "↓": (self.down, self.s_down)}
         sides = {arrow: pair for arrow, pair in sides.items() if np.isfinite(pair[0]).all()}
@@ -104,11 +111,16 @@ class Axis:
             if self.repeated:
                 out["A"] = np.stack(highs).max(axis=(0, -1)) - np.stack(lows).min(axis=(0, -1))
                 out["R"] = self.repeatability.max(axis=-1)
+        if self.apart:
+            out |= {name: np.full_like(out[name], np.nan) for name in OF_BOTH if name in out}
         return {name: out[name] for name in WORDS if name in out}
 
 
-def axis_of(position: Array, deviation: Array, direction: Array) -> Axis:
-    """Means and standard deviations of readings (n,) at their targets, by side of approach (+-1)."""
+def axis_of(position: Array, deviation: Array, direction: Array, apart: str = "") -> Axis:
+    """Means and standard deviations of readings (n,) at their targets, by side of approach (+-1).
+
+    `apart`: see `Axis`.
+    """
     place = np.round(position / SAME_POSITION).astype(np.int64)
     targets, number = np.unique(place, return_inverse=True)
     shape = (2, len(targets))
@@ -124,10 +136,10 @@ def axis_of(position: Array, deviation: Array, direction: Array) -> Axis:
     q = np.array([position[number == i][0] for i in range(len(targets))])
     # a target that was read from one side only belongs to neither pass when others were read from both
     whole = (count > 0).all(axis=0) if (count > 0).all(axis=0).sum() >= 2 else np.ones(len(targets), dtype=bool)
-    apart = q[~whole]
-    remark = f"{len(apart)} of {len(q)} targets were read from one side only and take no part" if len(apart) else ""
+    alone = q[~whole]
+    remark = f"{len(alone)} of {len(q)} targets were read from one side only and take no part" if len(alone) else ""
     runs = int(count[:, whole].max(axis=0).min())
-    return Axis(q[whole], mean[0, whole], mean[1, whole], s[0, whole], s[1, whole], runs, remark)
+    return Axis(q[whole], mean[0, whole], mean[1, whole], s[0, whole], s[1, whole], runs, remark, apart)
 
 
 def of_readings(reading: float, runs: int, targets: int) -> dict[str, float]:
@@ -158,9 +170,11 @@ def chart(label: str, unit: str, axis: Axis) -> Chart:
         else "mean deviations from below (blue) and above (orange)"
         f"{' with ± 2 s' if axis.repeated else ''}, and the mean of both (black)"
     )
+    limits = f"The dashed lines are the limits that {'A' if axis.repeated else 'E'} lies between."
+    limits = "Each side counts from zeros of its own: their distance is not determined." if axis.apart else limits
     return Chart(
         f"positioning {label}",
-        f"{label}: {lines}. The dashed lines are the limits that {'A' if axis.repeated else 'E'} lies between.",
+        f"{label}: {lines}. {limits}",
         f"Deviation of {label} against its position from both sides",
         partial(_draw, label, unit, axis),
     )
@@ -207,13 +221,14 @@ def _draw(label: str, unit: str, axis: Axis) -> Figure:
         axes.plot(
             place, factor * axis.mean, color=style.INK, lw=1.0, label="from either side" if alike else "mean of both"
         )
-    for level in (np.min(ends), np.max(ends)):
-        axes.axhline(factor * level, color=style.MUTED, lw=0.9, ls="--")
-    limits = "A" if axis.repeated else "E"
-    axes.annotate(
-        f"{limits}{'' if axis.both else ' of one side'}: {factor * (np.max(ends) - np.min(ends)):.2f} {name}",
-        (1.0, 1.02), xycoords="axes fraction", ha="right", size=style.SMALL_TEXT, color=style.MUTED,
-    )  # fmt: skip
+    if not axis.apart:
+        for level in (np.min(ends), np.max(ends)):
+            axes.axhline(factor * level, color=style.MUTED, lw=0.9, ls="--")
+        limits = "A" if axis.repeated else "E"
+        axes.annotate(
+            f"{limits}{'' if axis.both else ' of one side'}: {factor * (np.max(ends) - np.min(ends)):.2f} {name}",
+            (1.0, 1.02), xycoords="axes fraction", ha="right", size=style.SMALL_TEXT, color=style.MUTED,
+        )  # fmt: skip
     style.dress(axes, f"{style.plain(label)} / {'°' if unit == 'rad' else 'mm'}", f"deviation / {name}")
     figure.legend(loc="upper left", ncols=3, fontsize=style.SMALL_TEXT, frameon=False, bbox_to_anchor=(0.08, 0.99))
     return figure

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from errormodel import __version__
 from errormodel.surveys.record import RecordForm
@@ -80,10 +83,17 @@ def certificate(result: EvaluationResult) -> str:
         parts=[_part(e, [row(q) for q in e.quantities]) for e in result.evaluations],
         reasons=[(j.quantity.name, j.reason) for j in result.conformity.judgements if j.reason],
         notes=result.survey_notes,
-        unknown=list(dict.fromkeys(q.basis for q in every if q.expanded is None)),
+        unknown=list(dict.fromkeys(q.basis for q in every if q.expanded is None and np.isfinite(q.value))),
+        undetermined=_undetermined(every),
         inputs=result.inputs,
         version=__version__,
     )
+
+
+def _undetermined(every: Sequence[Quantity]) -> list[tuple[str, str]]:
+    """Names of quantities that are not determined, by their reason."""
+    reasons = dict.fromkeys(q.basis for q in every if not np.isfinite(q.value))
+    return [(", ".join(q.name for q in every if not np.isfinite(q.value) and q.basis == why), why) for why in reasons]
 
 
 def _part(e: Evaluation, rows: list[Row]) -> Part:

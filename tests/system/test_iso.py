@@ -189,6 +189,49 @@ def test_a_rotary_axis_is_evaluated_in_angles() -> None:
     assert [(j.quantity.name, j.verdict) for j in result.conformity.judgements] == [("C.A", "passes"), ("C.B", "fails")]
 
 
+def test_sides_from_zeros_of_their_own_do_not_compare(tmp_path: Path) -> None:
+    """Each pass a run: what lies between the sides is that of the zeros, and no figure may contain it."""
+    rng = np.random.default_rng(4)
+    x = np.array([0.0, 90.0, 210.0, 305.0, 400.0])
+    rows = [
+        {
+            "joint": "X",
+            "X": q,
+            "dx": 1e-5 * q + 3e-3 * side + zero,
+            "dir_X": side,
+            "run": f"{n}{side:+d}",
+            "pair": str(n),
+        }
+        for n in range(5)
+        for side in (1, -1)
+        for zero in [2e-3 * rng.normal()]
+        for q in x[::side]
+    ]
+    table = pd.DataFrame(rows)
+    result = iso("230-2", CMM, table.drop(columns="pair"), tolerance={"B": "50 um", "M": "9 um"}, decision="simple")
+    found = {q.symbol: q for q in result.evaluations[0].quantities}
+    for symbol in ("A", "E", "R", "B", "B mean"):
+        assert np.isnan(found[symbol].value)
+        assert found[symbol].as_json()["basis"].startswith("each run goes one way only and has a zero of its own")
+    assert found["E↑"].value == found["E↓"].value == found["M"].value == pytest.approx(4e-3)
+    assert [(j.quantity.symbol, j.verdict) for j in result.conformity.judgements] == [
+        ("M", "passes"), ("B", "cannot be decided"),
+    ]  # fmt: skip
+    assert any("frame: fixed where one zero held for all runs" in note for note in result.notes)
+    result.save(tmp_path / "out")
+    written = json.loads((tmp_path / "out/evaluation.json").read_text())["standards"][0]["quantities"]
+    assert {q["symbol"] for q in written if q["value"] is None} == {"A", "E", "R", "B", "B mean"}
+    page = (tmp_path / "out/certificate.html").read_text()
+    assert "Not determined: X.A, X.E, X.R, X.B, X.B mean (each run goes one way only" in page
+    assert result.summary().count("not determined  ") == 5
+    assert len(result.evaluations[0].sheets[0].head) == 6  # target, mean and s of both sides, their mean: no B, no R
+    paired = iso("230-2", CMM, table.drop(columns="run").rename(columns={"pair": "run"}))
+    assert {q.symbol: q.value for q in paired.evaluations[0].quantities}["B"] == pytest.approx(6e-3, abs=4e-3)
+    table.drop(columns="pair").to_csv(tmp_path / "t.csv", index=False)
+    write(tmp_path / "s.yaml", "errormodel: 1\nfiles: [{path: t.csv}]\nframe: fixed\n")
+    assert np.isfinite([q.value for q in iso("230-2", CMM, tmp_path / "s.yaml").evaluations[0].quantities]).all()
+
+
 def test_drift_over_the_time(tmp_path: Path) -> None:
     time = np.arange(0.0, 3 * 3600.0 + 1, 300.0)
     dz = 0.012 * (1 - np.exp(-time / 3000))
