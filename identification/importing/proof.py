@@ -26,6 +26,7 @@ from identification.importing.far_rows import far_rows
 from identification.importing.one_place import OnePlace, at_one_place, prove_one_place
 from identification.importing.other_orders import OtherOrder, in_a_plane, other_order
 from identification.importing.repeat_shift import LOCATED, RepeatShift, repeat_shift_of
+from identification.importing.standing import Standing, standings
 from identification.importing.steps import Step, find_step
 from identification.observation.assembly import build, frame_labels
 
@@ -64,6 +65,7 @@ class Proof:
     steps : of each file whose points are displaced from a row on.
     other : another order that fits as well, where the join is by order; looked for by an import.
     one_place : what a fit says where all commands are at one place.
+    standings : where the measuring frames lie beside the machine.
     """
 
     rows: Index
@@ -82,6 +84,7 @@ class Proof:
     steps: tuple[Step | RepeatShift, ...] = ()
     other: OtherOrder | None = None
     one_place: OnePlace | None = None
+    standings: tuple[Standing, ...] = ()
 
     @property
     def too_good(self) -> str:
@@ -152,7 +155,7 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
             steps.append(step)
     return Proof(
         rows, nominal, measured, *figures, reach, repeats, 1e3 * scatter, dwell, wild, _follows(chain, survey), flat,
-        tuple(steps), one_place=one_place,
+        tuple(steps), one_place=one_place, standings=() if one_place else standings(chain, survey, parts),
     )  # fmt: skip
 
 

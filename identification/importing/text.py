@@ -12,6 +12,7 @@ from identification.importing.importing import Imported
 from identification.importing.proof import Proof
 from identification.importing.readings import reading_lines
 from identification.importing.sources import What
+from identification.importing.standing import standing_lines
 from identification.importing.traces import trace_lines
 from identification.importing.words import LISTED
 from identification.results.terminal import counted
@@ -139,6 +140,7 @@ def proof_lines(proof: Proof, survey: Survey) -> Iterator[str]:
         yield f"no shift or exchange of rows, no other {signs}{hand} fits better"
         if proof.flat:
             yield "which hand the axes have does not show: points in a plane fit their mirror image as well"
+    yield from standing_lines(proof.standings, survey)
     yield from (step.text for step in proof.steps)
     if proof.repeats:
         yield f"{proof.repeats} commands measured several times: {_length(proof.repeat_um)} scatter of a coordinate"

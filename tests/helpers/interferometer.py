@@ -11,6 +11,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from errormodel.machine_file import read_machine
+from errormodel.survey import read_survey
+from identification.estimation.fit import fit_machine
+from identification.results.store import save
+
 Array = NDArray[np.float64]
 Motion = Callable[[Array, Array, Array, Array], Array]
 """An error motion (um, urad) of positions, sides of arrival, times (s) and temperatures (degC)."""
@@ -104,3 +109,11 @@ def positioning(backlash: float = 0.0, seed: int = 1, joint: str = "X", **more: 
     end = {"X": 580.0, "Y": 440.0, "Z": 390.0}[joint]
     motion = {"X": "dx", "Y": "dy", "Z": "dz"}[joint]
     return record(joint, {motion: play(backlash)}, targets(20, end, 11, rng), rng, **more)  # type: ignore[arg-type]
+
+
+def fitted(folder: Path, mill: Path, table: pd.DataFrame, effects: str = "") -> Path:
+    """The folder of a fit of the mill, whose file is written to `mill`, to a table."""
+    mill.write_text(MILL + effects)
+    machine = read_machine(str(mill))
+    save(fit_machine(machine, read_survey(written(folder, table), machine)), folder / "fit")
+    return folder / "fit"

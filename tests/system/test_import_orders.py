@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from errormodel import InputError, read_machine, read_survey
 from errormodel.chain import Chain
@@ -14,8 +16,10 @@ from errormodel.raw_formats.sensor_names import sensor_of
 from identification import import_survey
 from identification.diagnosis.data_checks.blunder import Points, sheet
 from identification.importing.steps import find_step
+from tests.helpers.chains import errors
 from tests.helpers.commands import done
-from tests.helpers.importing import MILL, points, poses, programme, spatialanalyzer
+from tests.helpers.importing import FRAME, MILL, points, poses, programme, spatialanalyzer
+from tests.helpers.surveys import FAR, TURNED, measured, positions
 
 
 def serpentine(levels: tuple[float, ...] = (200.0, 300.0, 400.0)) -> pd.DataFrame:
@@ -181,3 +185,53 @@ def test_another_programme_is_named_as_one(tmp_path: Path) -> None:
     written(tmp_path, poses(12, 40), points(poses(11, 40)))
     with pytest.raises(InputError, match="they are of another test, cut off, or the machine file is of another"):
         import_survey(tmp_path / "tracker.txt", MILL, commands=tmp_path / "survey.nc")
+
+
+PLACE = re.compile(
+    r"stands at x=(\S+) y=(\S+) z=(\S+) mm in the machine's reference, its x along \[(\S+), (\S+), (\S+)\]"
+)
+
+
+def stands(text: str) -> np.ndarray:
+    """Where the measuring frame stands and along what its x axis is, as it was said."""
+    found = PLACE.search(text)
+    assert found is not None, text
+    return np.array(found.groups(), dtype=float)
+
+
+def test_where_the_tracker_stands_is_what_tells_a_machine_turned_by_180_degrees(tmp_path: Path) -> None:
+    commands = poses()
+    turn = Rotation.from_euler("XYZ", FRAME["rotation"], degrees=True)
+    place = -turn.inv().apply(FRAME["translation"])
+    (tmp_path / "a").mkdir()
+    result = done(*written(tmp_path / "a", commands, points(commands)))
+    np.testing.assert_allclose(stands(result.out)[:3], place, atol=1.0)
+    np.testing.assert_allclose(stands(result.out)[3:], turn.as_matrix()[0], atol=1e-3)
+    assert "with both of X and Y, or X and Z, or Y and Z counted the other way round" in result.out
+    assert stands(done("check", MILL, tmp_path / "a/s").out).tolist() == stands(result.out).tolist()
+    (tmp_path / "b").mkdir()
+    turned = done(*written(tmp_path / "b", commands * [-1, -1, 1], points(commands)))
+    assert "no other sign, unit or hand fits better" in turned.out
+    np.testing.assert_allclose(
+        stands(turned.out), np.array([*place, *turn.as_matrix()[0]]) * [-1, -1, 1, -1, -1, 1], atol=1.0
+    )
+
+
+def test_frames_that_are_known_and_axes_that_do_tell_are_not_spoken_of(tmp_path: Path) -> None:
+    commands = poses()
+    still = dict.fromkeys(("translation", "rotation"), (0.0, 0.0, 0.0))
+    commands.assign(**dict(zip(("mx", "my", "mz"), points(commands, **still).T, strict=True))).to_csv(
+        tmp_path / "s.csv", index=False
+    )
+    (tmp_path / "s.yaml").write_text("errormodel: 1\nfiles: [{path: s.csv}]\nframe: fixed\n")
+    assert "stands at" not in done("check", MILL, tmp_path / "s.yaml").out
+    machine = read_machine("five_axis_table_quill")  # Z and W are parallel: neither turns round alone
+    table = positions(measured(machine, errors(Chain(machine), 2), 60, 1, noise=2e-3))
+    table.drop(columns=["file", "role", "row", "run"]).to_csv(tmp_path / "t.csv", index=False)
+    names = [j.name for j in machine.joints if j.type == "rotary"]
+    five = pd.read_csv(tmp_path / "t.csv")
+    five[names] = np.degrees(five[names])
+    five.to_csv(tmp_path / "t.csv", index=False)
+    said = done("check", "five_axis_table_quill", tmp_path / "t.csv").out
+    np.testing.assert_allclose(stands(said)[:3], -Rotation.from_euler("XYZ", TURNED).inv().apply(FAR), atol=1.0)
+    assert "the other way round" not in said
