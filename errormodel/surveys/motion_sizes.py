@@ -1,7 +1,11 @@
-"""Plausibility of the sizes of error motions: a unit that is wrong by 1000, or by an inch, is far beyond machines."""
+"""Plausibility of the sizes of error motions: a unit that is wrong by 1000, or by an inch, is far beyond machines.
+
+Too large ones are refused; ones below what any machine does are doubted in a note.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from itertools import product
 from typing import TYPE_CHECKING, Literal
@@ -30,6 +34,16 @@ RANGE_PER_MM = 5e-3  # largest range of a translation, mm per mm of travel
 RANGE_MM = 0.5  # and this much at least, mm
 RANGE_RAD = 1e-3  # largest range of a rotation, rad
 REASON = "the coarsest screws are off by 0.05 mm in 300 mm (ISO 3408-3, T7)"
+# Least plausible error motions: 0.1 um/m is what 0.01 K does to steel (11.5 um/(m K)), and a fifth of what a laser in
+# compensated air is off by; repeats differ by a tenth of that at least, as the air of the beam does by 0.01 K
+# (0.93 um/(m K)). Short stages come to some 20 nm and repeat to 5 nm; the best air bearings tilt by 1 urad, the best
+# tables are off by 0.5 urad, and the noise of an autocollimator is 0.02 urad.
+LEAST_RANGE_MM, LEAST_RANGE_PER_MM, LEAST_RANGE_RAD = 2e-5, 1e-7, 1e-7
+LEAST_SCATTER_MM, LEAST_SCATTER_PER_MM, LEAST_SCATTER_RAD = 5e-6, 1e-8, 5e-9
+MANY = 10  # readings, to say that they are too good; and repeats beyond the first; by judgement
+ROUND_OFF = 1e-10  # mm or rad: less is none
+LARGER_UNITS = (("um", "mm", "inch", "m"), ("urad", "arcsec", "mrad", "deg", "rad"))  # of translations, of rotations
+LIKELY = 1000.0  # times: so far are units that are mistaken for each other
 # relative difference of the ranges of motion and position below which the column holds the position itself
 POSITION_SHARE = 0.1
 UNITS_MM = {"m": 1000.0, "inch": 25.4, "mm": 1.0, "um": 1e-3}
@@ -52,10 +66,22 @@ def central_range(values: Array, run: Array | None = None) -> float:
     return float(high - low)
 
 
+def repeatability(values: Array, position: Array, side: Array, run: Array) -> float:
+    """Pooled standard deviation of values (n,) at one position from one side; NaN with fewer than `MANY` repeats.
+
+    Each run has a zero of its own, and its median is taken off.
+    """
+    table = pd.DataFrame({"value": values, "at": position.round(6), "side": np.nan_to_num(side), "run": run})
+    table["value"] -= table.groupby("run")["value"].transform("median")
+    groups = table.groupby(["at", "side"])["value"]
+    about, free = table["value"] - groups.transform("mean"), len(table) - groups.ngroups
+    return float(np.sqrt(np.sum(about**2) / free)) if free >= MANY else np.nan
+
+
 def check_motions(
     frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name: str, read_as: Mapping[str, ReadAs] | None
 ) -> list[str]:
-    """Notes on error motions that vary by more than a machine's do, where the user has stated their unit.
+    """Notes on error motions that vary by less than a machine's do, or by more where the user has stated their unit.
 
     Parameters
     ----------
@@ -76,15 +102,18 @@ def check_motions(
         values = rows[motion].to_numpy(dtype=np.float64)
         position = rows[joint.name].to_numpy(dtype=np.float64)
         linear, way = motion in TRANSLATIONS, float(np.ptp(position)) if joint.type == "prismatic" else 0.0
+        quantity: Literal["length", "angle"] = "length" if linear else "angle"
         word, unit, _ = (read_as or {}).get(motion) or (motion, "", "")
         if linear and way > 0:
             _refuse_positions(f"{name}, column {motion}", joint, motion, values, position, word, unit)
         spread = central_range(values, rows["run"].to_numpy() if "run" in rows else None)
         usual = usual_range(way, linear)
         if spread <= usual:
+            if not linear or way > 0:
+                notes += _too_good(joint, motion, rows, spread, way, unit_of_column(motion, quantity, units), read_as)
             continue
-        own = unit_of_column(motion, "length" if linear else "angle", units)
-        size = spread / factor(own, "length" if linear else "angle")
+        own = unit_of_column(motion, quantity, units)
+        size = spread / factor(own, quantity)
         most = f"{usual:.2g} mm" if linear else f"{1e3 * usual:.2g} mrad"
         most += f" over {way:.4g} mm" if way else ""
         found = f"error motions of {joint.name} that vary by {size:.3g} {own}, where those of a machine vary by {most} "
@@ -97,6 +126,47 @@ def check_motions(
             f"{name}, column {motion}", found, _cure(motion, word, unit, own, spread, usual, read_as is None)
         )
     return notes
+
+
+def _too_good(
+    joint: Joint, motion: str, rows: pd.DataFrame, spread: float, way: float, own: str,
+    read_as: Mapping[str, ReadAs] | None,
+) -> list[str]:  # fmt: skip
+    """A note where error motions vary, or repeat, by less than those of any machine, and in which unit they would not.
+
+    Parameters
+    ----------
+    spread : their range, mm or rad, over `way` (mm; 0 of a rotary joint).
+    own : unit of their column.
+    """
+    linear = motion in TRANSLATIONS
+    quantity: Literal["length", "angle"] = "length" if linear else "angle"
+    values, n = rows[motion].to_numpy(dtype=np.float64), len(rows)
+    side = rows[f"dir_{joint.name}"].to_numpy(dtype=np.float64) if f"dir_{joint.name}" in rows else np.zeros(n)
+    run = rows["run"].to_numpy() if "run" in rows else np.zeros(n)
+    scatter = repeatability(values, rows[joint.name].to_numpy(dtype=np.float64), side, run)
+    least = LEAST_RANGE_MM + LEAST_RANGE_PER_MM * way if linear else LEAST_RANGE_RAD
+    finest = LEAST_SCATTER_MM + LEAST_SCATTER_PER_MM * way if linear else LEAST_SCATTER_RAD
+    small, fine = ROUND_OFF < spread < least and n >= MANY, ROUND_OFF < scatter < finest
+    word, stated, _ = (read_as or {}).get(motion) or (motion, own, "")
+    said, usual, names = factor(stated or own, quantity), usual_range(way, linear), LARGER_UNITS[not linear]
+    sizes = {name: factor(name, quantity) / said for name in names}
+    likely = sorted((u for u, k in sizes.items() if k > 1), key=lambda u: abs(math.log(sizes[u] / LIKELY)))
+    fits = [u for u in likely if least <= sizes[u] * spread <= usual and not sizes[u] * scatter < finest]
+    if not small and not (fine and fits):  # readings without noise are no matter of a unit
+        return []
+    shown, scale = ("um", 1e3) if linear else ("urad", 1e6)
+    over = f" over {way:.4g} mm" if way else ""
+    found = f"error motions {motion} of {joint.name} that vary by {scale * spread:.2g} {shown}{over}"
+    found += f" and repeat to {scale * scatter:.2g} {shown}" if fine else ""
+    limits = f"some {scale * least:.2g} and {scale * finest:.2g} {shown} are the least that any does"
+    found += f": no machine is so good ({limits})"
+    if not fits:
+        return [f"{found}. Look for readings that were computed or made up, or a unit that is far too small"]
+    option = f"write units: {{{motion}: {fits[0]}}} in a survey.yaml"
+    option = option if read_as is None else f"import again with --units {word}={fits[0]}"
+    size = f"{scale * spread * sizes[fits[0]]:.3g} {shown}"
+    return [f"{found}. Read in {fits[0]}, not in {stated or own}, they vary by {size}: if they are, {option}"]
 
 
 def _cure(motion: str, word: str, unit: str, own: str, spread: float, usual: float, table: bool) -> str:

@@ -1,4 +1,4 @@
-"""Doubts about error motions: runs that are copies of others, targets twice in a run, readings that are too good."""
+"""Doubts about error motions: runs that are copies of others, targets twice in a run."""
 
 from __future__ import annotations
 
@@ -8,16 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.conventions import MOTIONS, TRANSLATIONS
+from errormodel.conventions import MOTIONS
 from errormodel.survey import Survey
 
 if TYPE_CHECKING:
     import pandas as pd
 
-MANY = 10  # readings, to say that they are too good
 FEWEST = 4  # targets of two runs, to compare them
-ROUND_OFF_MM = 1e-9
-TOO_GOOD_MM = 1e-4  # range of the readings of a linear joint: none is so good; by judgement
 BY_CHANCE = 1e-3  # probability that two runs of all are alike by rounding
 
 
@@ -35,12 +32,6 @@ def copy_notes(survey: Survey) -> Iterator[str]:
         yield from _twice(runs, name)
         for motion in motions:
             yield from _copied(runs, name, motion)
-            size = float(np.ptp(own[motion].dropna()))
-            if motion in TRANSLATIONS and len(own) >= MANY and ROUND_OFF_MM < size < TOO_GOOD_MM:
-                yield (
-                    f"error motions {motion} of {name} that vary by {1e3 * size:.2g} um: none is so good. Look for "
-                    "a unit that is a thousand times too small (--units), or for readings that were made up"
-                )
 
 
 def _words(key: object) -> str:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from errormodel import InputError
+from errormodel import InputError, read_machine, read_survey
 from identification import import_survey
 from tests.helpers.importing import MILL, points, poses, programme
 
@@ -48,7 +49,48 @@ def test_coarse_readings_may_repeat(tmp_path: Path) -> None:
 def test_deviations_a_thousand_times_too_small_are_doubted(tmp_path: Path) -> None:
     small = runs()
     small[small.columns[1:]] *= 1e-3
-    assert "none is so good" in noted(small, tmp_path)
+    said = noted(small, tmp_path)
+    assert said.count("no machine is so good") == 1
+    assert re.search(r"Read in mm, not in um, they vary by 10\.?\d* um: .* import again with --units deviation=mm", said)
+    assert "so good" not in noted(runs(), tmp_path)
+
+
+def test_readings_that_repeat_too_well_are_doubted_where_a_unit_is_their_cause(tmp_path: Path) -> None:
+    """A wide range in a wrong unit: 300 um over 400 mm in mm, 0.3 um in um, which the best stage may have."""
+    table = runs()
+    table[table.columns[1:]] += 0.75 * TARGETS[:, None]
+    small = table.copy()
+    small[small.columns[1:]] *= 1e-3
+    assert "repeat to 0.00051 um: no machine is so good" in noted(small, tmp_path)
+    assert "so good" not in noted(table, tmp_path)
+    quiet = runs(scatter=0.0) + 1e-6 * np.random.default_rng(0).normal(0, 1, (9, 11))
+    quiet["Target [mm]"] = TARGETS
+    assert "so good" not in noted(quiet, tmp_path)  # simulated without noise: no unit is the cause
+
+
+@pytest.mark.parametrize(
+    ("motion", "unit", "per_unit", "larger"),
+    [("dx", "mm", 1e-3, "m"), ("dx", "um", 1.0, "mm"), ("eb", "rad", 1e-6, ""), ("eb", "urad", 1.0, "mrad")],
+)
+def test_a_table_of_a_survey_is_doubted_by_every_command(
+    tmp_path: Path, motion: str, unit: str, per_unit: float, larger: str
+) -> None:
+    """Deviations of 20 um (urad) that repeat to 0.5, written in a unit, and a thousandth of them in it."""
+    machine = read_machine(MILL)
+    q = np.tile(TARGETS - 200, 4)
+    size = (20 * np.sin(q / 100) + np.random.default_rng(5).normal(0, 0.5, len(q))) * per_unit
+    for factor in (1.0, 1e-3):
+        table = pd.DataFrame(
+            {"joint": "X", "X": q, motion: factor * size, "run": np.repeat([1, 2, 3, 4], len(TARGETS))}
+        )
+        table.to_csv(tmp_path / "t.csv", index=False)
+        (tmp_path / "survey.yaml").write_text(
+            f"errormodel: 1\nfiles: [{{path: t.csv}}]\nunits: {{{motion}: {unit}}}\n", encoding="utf-8"
+        )
+        found = [note for note in read_survey(tmp_path, machine).notes if "so good" in note]
+        assert len(found) == (factor < 1)
+        if found and larger:
+            assert f"write units: {{{motion}: {larger}}} in a survey.yaml" in found[0]
 
 
 def test_points_a_thousand_times_too_near_are_doubted(tmp_path: Path) -> None:
