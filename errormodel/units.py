@@ -25,7 +25,7 @@ INTERNAL_UNITS: dict[str, str] = {
 # units to name in messages
 UNIT_EXAMPLES: dict[str, str] = {
     "length": "mm, um, m or inch",
-    "angle": "deg, rad, mrad or arcsec",
+    "angle": "deg, rad, mrad, urad, um/m, mm/m or arcsec",
     "time": "s, ms, min or h",
     "temperature": "degC, K or degF",
     "speed": "mm/min, mm/s or m/min",
@@ -41,7 +41,10 @@ def _registry() -> pint.UnitRegistry[float]:
 
 
 def is_unit(unit: str, quantity: str) -> bool:
-    """Whether a word (for speeds two words with a slash) is a unit of that quantity."""
+    """Whether a word (for speeds and slopes two words with a slash) is a unit of that quantity.
+
+    Angles are slopes as well: 1 um/m is 1 urad, to a third of the cube of the angle.
+    """
     if unit == INTERNAL_UNITS[quantity] or unit == "deg":  # usual units, without loading Pint
         return unit != "deg" or quantity == "angle"
     if not re.fullmatch(r"[^\W\d_]+(/[^\W\d_]+)?|°C?", unit):  # Pint would evaluate an expression such as 10**10**10
@@ -50,6 +53,9 @@ def is_unit(unit: str, quantity: str) -> bool:
 
     root = _registry().get_root_units  # the dimension is not enough: in Pint percentages and angles share it
     try:
+        if quantity == "angle" and "/" in unit:
+            kind = root(unit)[1]
+            return bool(kind == root("mm/m")[1] and _registry().Quantity(1.0, unit).to("rad").magnitude < 1)  # not m/mm
         return bool(root(unit)[1] == root(INTERNAL_UNITS[quantity])[1])
     except pint.PintError:
         return False

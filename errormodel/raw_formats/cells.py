@@ -19,7 +19,7 @@ PLAIN = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?", re.ASCII)  # what mos
 SPECIAL = frozenset(("nan", "inf", "+inf", "-inf", "infinity", "-nan"))
 # a number and its unit, with or without a blank between: 12.3 mm
 WITH_UNIT = re.compile(
-    rf"({NUMBER.pattern})\s*(mm|cm|m|um|\u00b5m|\u03bcm|in|inch|deg|\u00b0|rad|[mu\u00b5\u03bc]rad|arcsec|m?s|\u00b0C|degC)"
+    rf"({NUMBER.pattern})\s*([um\u00b5\u03bc]m/m|mm|cm|m|um|\u00b5m|\u03bcm|in|inch|deg|\u00b0|rad|[mu\u00b5\u03bc]rad|arcsec|m?s|\u00b0C|degC)"
 )
 REMARK = re.compile(rf"({NUMBER.pattern})\s+(?:#|//|%).*")  # a comment behind the last number of a line
 # what instruments write in the cell of a reading that failed, and spreadsheets in one that has no value

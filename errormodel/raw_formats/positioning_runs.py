@@ -44,7 +44,7 @@ _PLACE = re.compile(r"(mess)?pos(ition)?|p(unkt)?|x|y|z|u|v|w|a|b|c", re.IGNOREC
 _COUNTED = re.compile(r"i|no|nr|(target|ziel|punkt|point)?\s*(no|nr|number|i)\.?", re.IGNORECASE)
 _AXIS = re.compile(r"(.*?)[\s_.]*\b([xyz])", re.IGNORECASE)
 _STATED = re.compile(
-    r"(?:deviation|abweichung|error|dev\.?)\w*\s*(?:in|[\[(:/=,;])\s*(\w+)", re.IGNORECASE
+    r"(?:deviation|abweichung|error|dev\.?)\w*\s*(?:in|[\[(:/=,;])\s*(\w+(?:/m\b)?)", re.IGNORECASE
 )  # a unit above the table
 
 

@@ -25,12 +25,15 @@ _CLOCK = re.compile(
     r"(?=.)(?:[dtjyam]{2,4}(?:[./-][dtjyam]{2,4}){2}[ T]?)?(?:h{1,2}:m{1,2}(?::s{1,2}(?:[.,][s0f]+)?)?)?", re.IGNORECASE
 )
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
+_RATIO = re.compile(r"^(.+?)(?:\s*[/,]\s*|[\s_]+)([^/\s_]+/[^/\s]+)$")  # a unit with a slash of its own
 _SLASH = re.compile(r"^(.+?)\s*/\s*([^/\s]+)$")
+_OPEN = re.compile(r"[\[(<{][^\])>}]*$")  # a bracket that is not closed
 _COMMA = re.compile(r"^(.+?),\s*([^,\s]+)$")
 _BLANK = re.compile(r"^(.+?)\s+(mm|um|\u00b5m|\u03bcm|inch|deg|\u00b0|rad|mrad|urad|arcsec)$")
 # a line above a table that states one unit for all of it
 _STATED = re.compile(
-    r"\b(?:units?|einheit(?:en)?|dimensions?|coordinates)\b(?: are| is)?(?: in)?\s*[:=,;\t ]\s*[\[(]?([^\W\d]+)",
+    r"\b(?:units?|einheit(?:en)?|dimensions?|coordinates)\b(?: are| is)?(?: in)?\s*[:=,;\t ]\s*[\[(]?"
+    r"([^\W\d]+)\b(?!/m\b)",
     re.IGNORECASE,
 )
 _TAIL = re.compile(r"^.+_(mm|um|inch|deg|rad|mrad|urad|arcsec|s|ms|degC|degF|K)$")
@@ -41,6 +44,9 @@ def unit_word(text: str) -> str:
     text = text.strip().strip("[](){}<>").strip()
     if _CLOCK.fullmatch(text):
         return ""
+    if text.count("/") == 1 and text.lower() not in _OTHER:
+        ratio = "/".join(_OTHER.get(part.strip().lower(), part.strip()) for part in text.split("/"))
+        return ratio if quantity_of_unit(ratio) else text
     return _OTHER.get(text.lower(), text)
 
 
@@ -60,13 +66,14 @@ def is_unit_word(text: str) -> bool:
 def bracketed(name: str) -> tuple[str, str]:
     """A column's name without the unit behind it, and that unit.
 
-    ``X [mm]``, ``X (mm)``, ``X / mm``, ``X, mm``, ``X mm``; of ``x_mm`` the name stays as it is.
+    ``X [mm]``, ``X (um/m)``, ``X / mm``, ``X, mm``, ``X mm``; of ``x_mm`` the name stays as it is.
 
     Brackets that hold no unit belong to the name: ``U(95)``.
     """
-    for pattern in (_BRACKETS, _SLASH, _COMMA, _BLANK):
+    for pattern in (_BRACKETS, _RATIO, _SLASH, _COMMA, _BLANK):
         match = pattern.match(name)
-        if match and match[1].strip() and match[2].strip() and is_unit_word(match[2]):
+        whole = match is not None and (pattern is _BRACKETS or not _OPEN.search(match[1]))  # `Force (N/mm)` is no mm
+        if match and whole and match[1].strip() and match[2].strip() and is_unit_word(match[2]):
             return match[1].strip(), unit_word(match[2])
     match = _TAIL.match(name)
     return name, match[1] if match else ""

@@ -24,6 +24,7 @@ from errormodel.surveys.file import Axes, RawEntry
 from errormodel.surveys.raw import LEFT_OUT, READ_BACK, is_column, read_raw, with_map
 from errormodel.units import factor, is_unit
 from identification.importing.end_points import calibrated, end_points
+from identification.importing.motion_roles import with_motions
 from identification.importing.roles import (
     Kind,
     channels,
@@ -231,6 +232,8 @@ def open_source(
     own = {ours: _placed(path, theirs, names) for ours, theirs in given.items()}
     if wishes.joint and {*own} & {*MOTIONS} and wishes.joint not in own and (place := position_column(names)):
         own[wishes.joint] = place
+    if kind == "whole" and wishes.observation is None and not (form.of_pairs or recording.trace):
+        plain, recording, own = with_motions(raw, plain, recording, own, machine)
     if of_commands and form.bare and not own and not any(j.name in names for j in machine.joints):
         own = commands_by_place(spelt, machine, table is None or table.named)
     single = None if of_commands or recording.trace else wishes.observation
@@ -375,7 +378,10 @@ def _what(path: Path, recording: Recording, machine: Machine, kind: Kind, single
         for form in raw_formats().values()
         if form.columns
     )
-    cure = f"Say which they are: --columns mx={first},my=..,mz=..; {others}"
+    joint = machine.joints[0].name
+    motions = f"of error motions of a joint --joint {joint} --columns {joint}={position_column(names) or '..'},eb=.. "
+    motions += f"(any of {' '.join(MOTIONS)})"
+    cure = f"Say which they are: --columns mx={first},my=..,mz=..; {motions}; {others}"
     raise InputError(
         str(path), found, f"{cure}{sheets}; of single readings --observation, one of {', '.join(registry())}"
     )

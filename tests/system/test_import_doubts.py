@@ -51,7 +51,7 @@ def test_deviations_a_thousand_times_too_small_are_doubted(tmp_path: Path) -> No
     small[small.columns[1:]] *= 1e-3
     said = noted(small, tmp_path)
     assert said.count("no machine is so good") == 1
-    assert re.search(r"Read in mm, not in um, they vary by 10\.?\d* um: .* import again with --units deviation=mm", said)
+    assert re.search(r"Read in mm, not in um, they vary by 10\.?\d* um: .* --units deviation=mm", said)
     assert "so good" not in noted(runs(), tmp_path)
 
 
