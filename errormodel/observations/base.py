@@ -22,6 +22,17 @@ class StepError(ValueError):
     """Readings that change by a step for good, such as behind a lost beam: their order may be right all the same."""
 
 
+class LineError(ValueError):
+    """Readings at points on a straight line, which do not show where their instrument stands: displacements along it.
+
+    `start`: values of the unknown quantities with the instrument on that line, from which readings would be those.
+    """
+
+    def __init__(self, text: str, start: dict[str, float]) -> None:
+        super().__init__(text)
+        self.start = start
+
+
 Reading = Literal["length", "angle"]
 Unit = Literal["mm", "rad", "1"]
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.observations.base import LineError
 
 SAME_PLACE = 1e-3  # of the distance: solutions that lie closer together are one
 SAME_MISFIT = 3.0  # ratio of misfits up to which two places explain the lengths alike, by judgement
@@ -42,7 +43,7 @@ def located(
     Raises
     ------
     ValueError
-        Too few readings, or two places explain them alike.
+        Too few readings, or two places explain them alike; `LineError`: the points lie on a straight line.
     """
     names = [n for n in ("x", "y", "z", "dead_path") if n not in known]
     if not names:
@@ -56,6 +57,12 @@ def located(
         return {"dead_path": float(np.median(np.linalg.norm(points - station, axis=1) - readings))}
     if any(n in known for n in "xyz"):  # the schema gives all three or none
         raise ValueError("a station of which one coordinate is known. Give all three or none")
+    if near is None and (way := _direction(points)) is not None:
+        raise LineError(
+            "lengths to points on a straight line, which do not show where the station stands. Write near: with where "
+            "it stood, roughly; `iso` takes such lengths as displacements along the line without it",
+            _on_line(points, way, readings, known),
+        )
     fixed = known.get("dead_path")
     starts = _starts(points, readings, fixed)
     if near is not None:
@@ -85,6 +92,25 @@ def located(
                 "roughly"
             )
     return {n: float(best["xyz".index(n)] if n in "xyz" else best[3]) for n in names}
+
+
+def _direction(points: Array) -> Array | None:
+    """Unit vector (3,) of the straight line on which points (n, 3) lie; None where they do not, or at one place."""
+    _, spread, ways = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    one = spread[0] > 0 and (len(spread) == 1 or spread[1] <= FLAT * spread[0])
+    return np.asarray(ways[0]) if one else None
+
+
+def _on_line(points: Array, way: Array, readings: Array, known: Mapping[str, float]) -> dict[str, float]:
+    """The unknown ones of `located` with the station on the line of the points, whose direction is `way` (3,)."""
+    middle = points.mean(axis=0)
+    along = (points - middle) @ way
+    sign = 1.0 if along @ (readings - readings.mean()) >= 0 else -1.0  # the way in which the readings grow
+    along, way = sign * along, sign * way
+    whole = readings + known["dead_path"] if "dead_path" in known else None
+    away = float(np.ptp(along)) if whole is None else float(np.median(whole - along))
+    found = dict(zip("xyz", (middle - away * way).tolist(), strict=True))
+    return found if whole is not None else {**found, "dead_path": float(np.median(along + away - readings))}
 
 
 def _shown(place: Array) -> str:

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from errormodel.arrays import Array
 from errormodel.observations.base import (
+    LineError,
     NumberOrUnknown,
     Observation,
     Quantity,
@@ -67,7 +68,11 @@ class StationDistance(Observation):
         return ca.SX(ca.norm_2(tips[0].point - ca.vertcat(of["x"], of["y"], of["z"])) - of["dead_path"])
 
     def start(self, points: Sequence[Array], readings: Array, known: Mapping[str, float]) -> dict[str, float]:
-        found = located(points[0], readings, known, self.near)
+        line: LineError | None = None
+        try:
+            found = located(points[0], readings, known, self.near)
+        except LineError as error:
+            found, line = error.start, error
         place = np.array([{**known, **found}[n] for n in (*"xyz", "dead_path")])
         steps = interruptions(points[0], readings, place)
         if steps:
@@ -76,6 +81,8 @@ class StationDistance(Observation):
                 f"lengths that change by a step, {some} than before: a beam that was lost, or a counter that was set. "
                 "Give the rows behind each step a run of their own (column run) and write dead_path: per-run"
             )
+        if line is not None:
+            raise line
         return found
 
     @classmethod

@@ -19,7 +19,9 @@ from errormodel.exceptions import InputError
 from errormodel.nominal import Nominal
 from errormodel.observations import registry
 from errormodel.observations.base import Observation
+from errormodel.surveys.checks import run_labels
 from errormodel.surveys.columns import OBSERVATION
+from errormodel.units import factor
 from errormodel.yamlfile import parse, validate
 from identification.importing.dwell_commands import at_rows, dwells_of_logs, left_moving, rests_of, suspects
 from identification.importing.dwells import Dwells, find_dwells
@@ -88,11 +90,11 @@ def _observation(said: str | Mapping[str, object]) -> Observation:
 
 @dataclass(frozen=True)
 class Joined:
-    """Readings with their commands; what to say of how they fit; whether a step keeps a set-up from being placed."""
+    """Readings with their commands; what to say of how they fit; whether they do not show where it stands."""
 
     pairs: Pairs
     says: tuple[str, ...]
-    interrupted: bool
+    unplaced: bool
 
 
 def labels_of(sources: list[SourceFile]) -> list[str]:
@@ -169,7 +171,7 @@ def pair_readings(
         run=tuple(r for run in runs for r in run) if len(runs) == len(parts) else None,
     )  # fmt: skip
     says = [s for way in ways for s in way.says]
-    return Joined(out, tuple(dict.fromkeys(says)), any(way.interrupted for way in ways))
+    return Joined(out, tuple(dict.fromkeys(says)), any(way.unplaced for way in ways))
 
 
 def _part(
@@ -231,12 +233,23 @@ def _part(
         candidates = [] if passing is None else [passing]
     if not candidates:
         raise InputError(where, *_counts(len(first), source, commands, observation, dwells, rests is not None))
-    found_way = chosen(chain, commands, observation, candidates, means[kept], where)
+    candidates = [_with_runs(c, source, rows[first[kept]]) for c in candidates]
+    own = source.recording.read_as.get(observation.reading)
+    read_as = factor(own.unit, observation.reading) if own is not None and own.unit else 1.0
+    found_way = chosen(chain, commands, observation, candidates, means[kept], where, read_as)
     best = found_way.way
     a, b = rows[first[kept]][best.skip :], rows[last[kept]][best.skip :]
     command = best.command if rests is None else rests[best.command]
     pairs = Pairs(command, a, b, best.how, (), len(first), log.rows, {}, best.offset, best.start, best.run)
     return pairs, found_way, notes, rests
+
+
+def _with_runs(way: Candidate, source: SourceFile, rows: Index) -> Candidate:
+    """A way in which the passes are those of the file, where it names them; `rows`: the first of each reading."""
+    frame = source.recording.frame
+    if way.run is not None or way.start is not None or "run" not in frame:
+        return way
+    return replace(way, run=tuple(map(str, run_labels(frame["run"].iloc[rows].astype(str)))))
 
 
 def _fits(count: int, commands: int, poses: int) -> bool:

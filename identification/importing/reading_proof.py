@@ -16,8 +16,9 @@ from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.nominal import Nominal
 from errormodel.observation_kernel import ObservationKernels, kernels_of
-from errormodel.observations.base import Observation, StepError
+from errormodel.observations.base import LineError, Observation, StepError
 from errormodel.surveys.columns import first_pose
+from errormodel.units import factor
 from identification.importing.partial import BETTER, FEWEST, FOREIGN, SHIFTS, UNITS
 from identification.importing.sources import SourceFile
 from identification.observation.frames import MACHINE_ERROR_SHARE
@@ -28,8 +29,12 @@ LARGE = 10 * MACHINE_ERROR_SHARE  # of the reach: errors of a sound machine leav
 SMALL = 0.01  # mm or rad at a metre: what lies so near has no mistake worth a refusal
 STEPS = 4  # of Gauss and Newton, from a set-up that is near
 ORDER_CURE = "Give the commands that were measured, in the order of measuring"
+LINE = (
+    "lengths along a straight line, taken as displacements along it: where the instrument stood does not show. `iso` "
+    "needs no more (230-2, 230-6); `fit` and `diagnose` do: near: [x, y, z] of the observation in survey.yaml"
+)
 EXACT = 1e-6  # mm or rad: misfits below are alike
-ANGLE = {"deg": 57.29577951308232, "arcsec": 206264.80624709636, "urad": 1e6, "mrad": 1e3}  # of another unit in rad
+ANGLE = ("deg", "arcsec", "urad", "mrad", "rad")
 
 
 @dataclass(frozen=True)
@@ -56,11 +61,11 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Chosen:
-    """The way in which readings belong to commands; what to say of it; whether a step hides how well it fits."""
+    """The way in which readings belong to commands; what to say of it; whether they do not show their set-up."""
 
     way: Candidate
     says: tuple[str, ...]
-    interrupted: bool = False
+    unplaced: bool = False
 
 
 @dataclass(frozen=True)
@@ -74,6 +79,7 @@ class Misfit:
     reach : how far nominal readings and positions spread, mm (1 of angles).
     why : why the set-up could not be placed at all; empty where it was.
     interrupted : whether that is a step that stays.
+    line : whether the points lie on a straight line, so that the place of the instrument does not show.
     """
 
     size: float
@@ -81,6 +87,7 @@ class Misfit:
     reach: float
     why: str = ""
     interrupted: bool = False
+    line: bool = False
 
 
 @dataclass(frozen=True)
@@ -93,6 +100,7 @@ class Lying:
     kernels, rows : of the model on the chain, and its channels at the poses, each (n,).
     scalars : errors of the machine, all 0, and quantities of the set-up.
     free : names of the unknown quantities, which stand at `places` of the scalars.
+    line : whether the points lie on a straight line, so that the place of the instrument does not show.
     """
 
     readings: Array
@@ -101,6 +109,7 @@ class Lying:
     scalars: Array
     free: tuple[str, ...]
     places: list[int]
+    line: bool = False
 
     def gap(self, readings: Array, scalars: Array) -> Array:
         """Readings less nominal ones, (n,)."""
@@ -129,7 +138,7 @@ def misfit(
     bad = next((p for p in parts if p.why), None)
     worst = max(p.size for p in parts)
     rms = float(np.sqrt(np.mean([p.rms**2 for p in parts])))
-    return bad or Misfit(worst, rms, max(p.reach for p in parts))
+    return bad or Misfit(worst, rms, max(p.reach for p in parts), line=any(p.line for p in parts))
 
 
 def _passes(observation: Observation, way: Candidate, readings: Array) -> Iterator[tuple[Candidate, Array]]:
@@ -154,7 +163,7 @@ def _misfit(
     except ValueError as error:
         return Misfit(np.inf, np.inf, 1.0, str(error))
     gap = np.abs(there.gap(readings, there.scalars))
-    return Misfit(float(np.quantile(gap, MOST)), float(np.sqrt(np.mean(gap**2))), reach)
+    return Misfit(float(np.quantile(gap, MOST)), float(np.sqrt(np.mean(gap**2))), reach, line=there.line)
 
 
 def lying(
@@ -177,13 +186,18 @@ def lying(
     points = [p.points(tool) for p in poses]
     known = {q.name: q.value for q in observation.quantities() if q.value is not None}
     free = [q.name for q in observation.free]
-    values = known | dict.fromkeys(free, 0.0) | observation.start(points, readings, known)
+    line = False
+    try:
+        start = observation.start(points, readings, known)
+    except LineError as error:
+        start, line = error.start, True
+    values = dict.fromkeys(free, 0.0) | start | known
     names = [q.name for q in observation.quantities()]
     scalars = np.concatenate([np.zeros(len(chain.ids)), [values[n] for n in names]])
     rows = [np.ascontiguousarray(c) for p in poses for c in p.channels(tool)]
     places = [len(chain.ids) + names.index(n) for n in free]
     reach = 1.0 if observation.reading == "angle" else max(float(np.ptp(np.vstack(points), axis=0).max()), 1.0)
-    return Lying(readings, kernels_of(chain, observation), rows, scalars, tuple(free), places), reach
+    return Lying(readings, kernels_of(chain, observation), rows, scalars, tuple(free), places, line), reach
 
 
 def both_poses(chain: Chain, commands: SourceFile) -> bool:
@@ -195,9 +209,9 @@ def both_poses(chain: Chain, commands: SourceFile) -> bool:
 
 def chosen(
     chain: Chain, commands: SourceFile, observation: Observation, candidates: list[Candidate], readings: Array,
-    where: str,
+    where: str, read_as: float = 1.0,
 ) -> Chosen:  # fmt: skip
-    """The way that fits.
+    """The way that fits; `read_as`: mm or rad a unit as which the file's numbers were read.
 
     Raises
     ------
@@ -212,14 +226,14 @@ def chosen(
         found, _, cure = stopped[0].why.partition(". ")
         return Chosen(stopped[1], (f"{found}. {cure.replace('(column run)', '(a column run of pairs.csv)')}",), True)
     if best.why or best.size > FOREIGN * best.reach:
-        raise InputError(where, *_none(chain, commands, observation, candidates, readings, best))
+        raise InputError(where, *_none(chain, commands, observation, candidates, readings, best, read_as))
     for other, its in tried[1:]:
         if other.size > ALIKE * best.size + EXACT or _same(way, its):
             continue
         found = f"readings that fit the commands in two ways: by {way.how}, and by {its.how}"
         raise InputError(where, found, "Give the commands once for each reading, or a plan with both poses in a row")
-    says = _refuse_wrong_order(chain, commands, observation, way, readings, best, where)
-    return Chosen(way, tuple(says))
+    says = _refuse_wrong_order(chain, commands, observation, way, readings, best, where, read_as)
+    return Chosen(way, (*([LINE] if best.line else []), *says), best.line)
 
 
 def _same(one: Candidate, other: Candidate) -> bool:
@@ -233,10 +247,10 @@ def _same(one: Candidate, other: Candidate) -> bool:
 
 def _none(
     chain: Chain, commands: SourceFile, observation: Observation, candidates: list[Candidate], readings: Array,
-    best: Misfit,
+    best: Misfit, read_as: float,
 ) -> tuple[str, str]:  # fmt: skip
     """What is wrong where no way fits, and what to write: what fits instead, if anything does."""
-    instead = _instead(chain, commands, observation, candidates, readings, best)
+    instead = _instead(chain, commands, observation, candidates, readings, best, read_as)
     if instead is not None:
         return f"{_size(best)}; {instead[0]}", instead[1]
     if best.why:
@@ -253,7 +267,7 @@ def _size(best: Misfit) -> str:
 
 def _instead(
     chain: Chain, commands: SourceFile, observation: Observation, candidates: list[Candidate], readings: Array,
-    before: Misfit,
+    before: Misfit, read_as: float,
 ) -> tuple[str, str] | None:  # fmt: skip
     """Another set-up, unit, sign or order in which the readings fit far better, with what to write."""
     changed = _by_pass(observation)
@@ -267,11 +281,14 @@ def _instead(
         for words, order in _orders(len(readings)):
             if _better(misfit(chain, commands, observation, way, readings[order]), before):
                 return f"{words} they fit", ORDER_CURE
-    units = ANGLE if observation.reading == "angle" else {u: f for f, u in UNITS.items() if f > 0}
+    angles = observation.reading == "angle"
+    units = (
+        {u: factor(u, "angle") for u in ANGLE} if angles else {"mm": 1.0} | {u: f for f, u in UNITS.items() if f > 0}
+    )
     for way in candidates:
-        for unit, factor in units.items():
-            scaled = readings / factor if observation.reading == "angle" else readings * factor
-            if _better(misfit(chain, commands, observation, way, scaled), before):
+        for unit, size in units.items():
+            scaled = readings * (size / read_as)
+            if abs(size / read_as - 1) > EXACT and _better(misfit(chain, commands, observation, way, scaled), before):
                 return f"in {unit} they fit", f"Say it with --units {observation.reading}={unit}, if that is their unit"
         if _better(misfit(chain, commands, observation, way, -readings), before):
             column = f"--columns {observation.reading}=-NAME"
@@ -302,13 +319,13 @@ def _by_pass(observation: Observation) -> tuple[str, Observation] | None:
 
 def _refuse_wrong_order(
     chain: Chain, commands: SourceFile, observation: Observation, way: Candidate, readings: Array, before: Misfit,
-    where: str,
+    where: str, read_as: float,
 ) -> list[str]:  # fmt: skip
     """Refuse readings that fit far better in another order, unit or sign; what else was looked for, in words."""
     if len(readings) < FEWEST:
         return [f"too few readings ({len(readings)}) to prove the join"]
     if before.size > LARGE * before.reach:
-        instead = _instead(chain, commands, observation, [way], readings, before)
+        instead = _instead(chain, commands, observation, [way], readings, before, read_as)
         if instead is not None:
             raise InputError(where, f"{_size(before)}; {instead[0]}", instead[1])
     shown = True

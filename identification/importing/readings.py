@@ -98,7 +98,7 @@ def set_ups(chain: Chain, survey: Survey, readings: Sequence[ReadingFile]) -> Se
     InputError
         Some stand in each other's row.
     """
-    if not readings or any(r.joined.interrupted for r in readings):
+    if not readings or any(r.joined.unplaced for r in readings):
         return SetUps()
     problem = build(chain, survey)
     lengths = lengths_of(chain, problem.views)

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from errormodel import InputError, read_machine, read_survey
-from identification import fit, import_survey
+from identification import fit, import_survey, iso
 from tests.helpers.commands import run
 from tests.helpers.importing import MILL, poses, programme
 from tests.helpers.lengths import standardised, tips, truth
@@ -323,3 +323,48 @@ def test_readings_of_two_kinds_side_by_side_are_refused(
     wide = side_by_side(lengths, tmp_path)
     with pytest.raises(InputError, match="name readings of one kind"):
         import_survey(wide, MILL, commands=plan, observation=STATION, columns={**BESIDE, "length": "No"})
+
+
+def diagonals(folder: Path) -> tuple[Path, Path, np.ndarray]:
+    """Two body diagonals there and back, a run each, as a displacement interferometer along each reads them."""
+    share = np.concatenate([np.linspace(0, 1, 11), np.linspace(0, 1, 11)[::-1]])[:, None]
+    corner, way = np.array([-250.0, -150.0, 100.0]), np.array([500.0, 300.0, 400.0])
+    lines = [corner + share * way, corner + [500, 0, 0] + share * way * [-1, 1, 1]]
+    commands = pd.DataFrame(np.vstack(lines), columns=[*"XYZ"])
+    commands.to_csv(folder / "plan.csv", index=False)
+    lengths = []
+    for line in lines:
+        at = tips(MACHINE, TRUE, pd.DataFrame(line, columns=[*"XYZ"]))
+        unit = (line[10] - line[0]) / np.linalg.norm(line[10] - line[0])
+        lengths.append((at - at[0]) @ unit)
+    table = pd.DataFrame({"Run": np.repeat([1, 2], 22), "Length [mm]": np.concatenate(lengths).round(5)})
+    table.to_csv(folder / "d.csv", index=False)
+    return folder / "d.csv", folder / "plan.csv", np.concatenate(lengths)
+
+
+def test_displacements_along_diagonals_are_taken_in(tmp_path: Path) -> None:
+    data, plan, lengths = diagonals(tmp_path)
+    by_run = "station-distance, station: per-run, dead_path: per-run"
+    result = import_survey(data, MILL, commands=plan, observation=by_run)
+    assert "where the instrument stood does not show" in result.summary()
+    result.save(tmp_path / "s")
+    survey = read_survey(tmp_path / "s", MACHINE)
+    np.testing.assert_allclose(survey.table["length"], lengths, atol=5.1e-6)
+    assert [*survey.table["run"]] == ["1"] * 22 + ["2"] * 22
+    assert {"+X+Y+Z.E", "-X+Y+Z.E"} <= {*iso("230-6", MILL, tmp_path / "s").figures["name"]}
+    with pytest.raises(InputError, match=r"points on a straight line.*Write near:"):
+        fit(MILL, tmp_path / "s")
+    with pytest.raises(InputError, match="a set-up of its own for each pass fits"):
+        import_survey(data, MILL, commands=plan, observation="station-distance")
+
+
+def test_a_unit_is_named_only_where_readings_fit_in_it(tmp_path: Path) -> None:
+    """An offset that is known stays where it is, and a file's own unit is where another is counted from."""
+    data, plan, lengths = diagonals(tmp_path)
+    with pytest.raises(InputError, match="off their commands") as error:
+        import_survey(data, MILL, commands=plan, observation="pose-distance")
+    assert "--units" not in str(error.value)
+    pd.DataFrame({"Run": np.repeat([1, 2], 22), "Length [um]": lengths.round(5)}).to_csv(data, index=False)
+    by_run = "station-distance, station: per-run, dead_path: per-run"
+    with pytest.raises(InputError, match=r"in mm they fit.*--units length=mm"):
+        import_survey(data, MILL, commands=plan, observation=by_run)
