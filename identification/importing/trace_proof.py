@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.arrays import Array, Index
+from errormodel.arrays import Array, Index, Mask
 from errormodel.exceptions import InputError
 
 WINDOW = 3  # rows on each side whose median a reading is compared with
@@ -71,7 +71,7 @@ class Circle:
 
 
 def refuse_exchanged(circle: Circle, where: str) -> int:
-    """Number of single readings off their neighbours.
+    """Number of single readings off their neighbours, those beside a reversal of an axis left out that are usual there.
 
     Raises
     ------
@@ -104,7 +104,14 @@ def refuse_exchanged(circle: Circle, where: str) -> int:
                     f"{1e3 * abs(off[j]):.3g} um off their neighbours, and fit in the place of the other"
                 )
                 raise InputError(where, found, "Give the trace as the instrument wrote it")
-    return len(single)
+    return sum(not reverses[i] or _unusual(circle, off, reverses, i) for i in single)
+
+
+def _unusual(circle: Circle, off: Array, reverses: Mask, i: int) -> bool:
+    """Whether a reading beside a reversal lies far more off its neighbours than any beside the other reversals."""
+    passage = np.round(circle.angle / (np.pi / 2)) * 2 + (circle.sense > 0)
+    others = np.abs(off[reverses & (passage != passage[i])])
+    return bool(abs(off[i]) > max(USUAL_PEAK, BETTER * float(others.max(initial=0.0))))
 
 
 def refuse_shifted(circle: Circle, where: str) -> str:
