@@ -104,7 +104,7 @@ def refuse_exchanged(circle: Circle, where: str) -> int:
                     f"{1e3 * abs(off[j]):.3g} um off their neighbours, and fit in the place of the other"
                 )
                 raise InputError(where, found, "Give the trace as the instrument wrote it")
-    return sum(not reverses[i] or _unusual(circle, off, reverses, i) for i in single)
+    return sum(not reverses[i] or _unusual(circle, off, reverses, i) for i in single.tolist())
 
 
 def _unusual(circle: Circle, off: Array, reverses: Mask, i: int) -> bool:

@@ -14,7 +14,7 @@ from errormodel.machine_file import read_machine
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.outliers import gross_rows
 from identification.diagnosis.pipeline import diagnose
-from identification.diagnosis.search.instrument_noise import seen_in, station_notes
+from identification.diagnosis.search.instrument_noise import noise_note, seen_in, station_notes
 from identification.estimation.fit import fit_machine
 from tests.helpers.diagnosed import empty_survey, showing
 from tests.helpers.nightly import first_of
@@ -57,6 +57,15 @@ def test_a_tracker_in_its_own_coordinates_stands_in_their_origin() -> None:
     seen = seen_in(points, AT_HOME.draw_noise(points, np.random.default_rng(8)))
     assert seen is not None
     assert np.abs(seen.station).max() < 1e-6
+
+
+def test_what_to_write_of_the_instrument_has_no_more_figures_than_are_known() -> None:
+    """A station to 0.1 mm, uncertainties to three figures, and none of a part that does not show."""
+    found = LaserTracker(station=[1234.5678, 0.04, -3.55271e-15], range=[3.4e-6, 1.2346e-6], angle=5.4321e-6, target=0)
+    said = noise_note(found, cloud(7))
+    assert "`instrument: {type: laser-tracker, station: [1234.6, 0, 0], range: [0, 1.23e-06], angle: 5.43e-06, " in said
+    seat = LaserTracker(station=[0, 0, 0], range=[1e-6, 1e-9], angle=1e-9, target=5e-3)
+    assert "range: [0, 1e-09]" in noise_note(seat, cloud(7))  # not both may be 0
 
 
 @pytest.mark.long

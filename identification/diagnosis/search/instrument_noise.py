@@ -41,6 +41,7 @@ FAR = 2.5  # times the median length: residuals in a tail count as one there, or
 # no tracker measures nearer than its own head is wide; a station among the points would fit each row's own noise
 CLOSEST_MM = 50.0
 ORIGIN = 4.0  # log-likelihood that a station off the origin must gain: coordinates are usually the tracker's own
+SHOWS = 0.01  # of the noise along the line of sight: a part of it that is smaller changes it by 5e-5, and is none
 LEAST = 0.1  # of the noise: what a target's seat has in any case
 
 
@@ -76,7 +77,7 @@ def tracker_noise(
     assert covariance is not None
     mean = float(np.sqrt(np.trace(covariance.mean(axis=0)) / 3))
     relative = _tracker(tracker.station, _sizes(tracker) / mean)
-    return replace(survey, instrument=relative, sized=False, notes=(*survey.notes, _note(tracker, points)))
+    return replace(survey, instrument=relative, sized=False, notes=(*survey.notes, noise_note(tracker, points)))
 
 
 def weighed_as_before(survey: Survey, seen: Survey, given: Survey) -> Survey:
@@ -207,11 +208,18 @@ def _along_and_across(tracker: LaserTracker, away: float) -> tuple[float, float]
     return float(np.hypot(target, np.hypot(fixed, growing * away))), float(np.hypot(target, angle * away))
 
 
-def _note(tracker: LaserTracker, points: Array) -> str:
+def noise_note(tracker: LaserTracker, points: Array) -> str:
+    """What the noise is that was found, and what to write of the instrument: to 0.1 mm, and to three figures."""
     away = _away(tracker, points)
     along, across = _along_and_across(tracker, away)
-    own = f"range: {tracker.range}, angle: {tracker.angle}, target: {tracker.target}"
-    block = f"instrument: {{type: {tracker.type}, station: {list(tracker.station)}, {own}}}"
+    fixed, growing, angle, target = _sizes(tracker)
+    sizes = {"fixed": fixed, "growing": growing * away, "target": target}  # mm, at the points
+    seen = {name: size > SHOWS * along for name, size in sizes.items()}
+    seen[max(("fixed", "growing"), key=sizes.__getitem__)] = True  # a range without any is none
+    own = f"range: [{fixed * seen['fixed']:.3g}, {growing * seen['growing']:.3g}], angle: {angle:.3g}, "
+    own += f"target: {target * seen['target']:.3g}"
+    station = ", ".join(f"{round(x, 1) + 0.0:.1f}".removesuffix(".0") for x in tracker.station)
+    block = f"instrument: {{type: {tracker.type}, station: [{station}], {own}}}"
     return (
         f"the residuals are those of an instrument with a line of sight: {1e3 * along:.3g} um along it and "
         f"{1e3 * across:.3g} um across, {away:.0f} mm away. Rows are weighed by that. If it was a tracker, survey.yaml "
