@@ -21,7 +21,7 @@ Units: mm, rad, s, degC.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -100,6 +100,20 @@ def channel(table: pd.DataFrame, name: str) -> Array:
     return values
 
 
+def lacking(there: Collection[str], names: Iterable[str]) -> list[str]:
+    """Columns that channels need and that are not among those `there`, each once, in the order of their need."""
+    needed: dict[str, None] = {}
+    for name in names:
+        if name.startswith(("dir_", "run(", "of(")) or name in (*POINT_CHANNELS, "row"):
+            continue
+        needed[root(name)] = None
+        if DERIVED_CHANNEL.fullmatch(name) and not name.startswith("play("):
+            needed["time"] = None
+        if moving := SPEED_CHANNEL.fullmatch(name):
+            needed |= dict.fromkeys(joint for group in moving.groups()[1:] for joint in group.split(",") if joint)
+    return [name for name in needed if name not in there]
+
+
 def root(name: str) -> str:
     """Base channel of a derived one: ``T_bed`` of ``lag(T_bed,600)``, ``feed`` of a speed, ``X`` of ``rate(X)``."""
     if moving := RATE_CHANNEL.fullmatch(name):
@@ -121,7 +135,14 @@ def columns(table: pd.DataFrame, names: Sequence[str]) -> list[Array]:
     """Several channels over all rows, each (n,), with temperatures smoothed over time (`settled`).
 
     A lagged temperature is taken as recorded, since the lag itself smooths it.
+
+    Raises
+    ------
+    InputError
+        The survey lacks some of their columns: it names all; or one has gaps.
     """
+    if len(absent := lacking({*map(str, table)}, names)) > 1:
+        raise InputError(f"{_place(table, 0)[0]}, header", needed_by_effects(absent), f"Add them. {_found(table)}")
     smooth = settled(table, {name for name in names if name.startswith("T_")})
     return [channel(smooth if name.startswith("T_") else table, name) for name in names]
 
@@ -230,13 +251,26 @@ def _local_line(time: Array, values: Array) -> Array:
     return out
 
 
+def needed_by_effects(names: Sequence[str]) -> str:
+    """What is found where columns of effects are missing."""
+    shown = [f"'{n}'{f' ({UNITS_OF_CHANNELS[n]})' if n in UNITS_OF_CHANNELS else ''}" for n in names]
+    if len(shown) == 1:
+        return f"no column {shown[0]}, which an effect of this machine needs"
+    return f"no columns {', '.join(shown[:-1])} and {shown[-1]}, which effects of this machine need"
+
+
+def _found(table: pd.DataFrame) -> str:
+    """The columns with values, those left out that a survey has in any case."""
+    own = [c for c in table if c not in (*OWN_COLUMNS, "run", "tool_x", "tool_y", "tool_z") and table[c].notna().any()]
+    return f"Found: {', '.join(map(str, own))}"
+
+
 def _missing(table: pd.DataFrame, name: str, why: str, how: str = "") -> InputError:
     """A column that an effect needs is not there; `how` it could be written."""
     unit = UNITS_OF_CHANNELS.get(name)
     kind = name[:2] if name.startswith(RECORDS) else ""  # in place of a sensor another sensor may have been meant
     columns = [c for c in map(str, table.columns) if c not in OWN_COLUMNS and c.startswith(kind)]
-    add = f"Add it ({unit}{how}). " if unit else ""
-    cure = add + nearest(name, columns) or "Add it"
+    cure = f"Add it ({unit}{how}). {_found(table)}" if unit else nearest(name, columns) or "Add it"
     return InputError(f"{_place(table, 0)[0]}, header", f"no column '{name}', {why}", cure)
 
 

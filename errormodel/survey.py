@@ -31,7 +31,6 @@ from errormodel.surveys.columns import (
     Plan,
     check_map,
     check_units,
-    plan_columns,
 )
 from errormodel.surveys.file import (
     BudgetEntry,
@@ -47,6 +46,7 @@ from errormodel.surveys.gaps import filled
 from errormodel.surveys.observations import check_observations
 from errormodel.surveys.plausibility import check_sizes
 from errormodel.surveys.record import RecordForm
+from errormodel.surveys.states import planned
 from errormodel.surveys.target_places import places_of
 from errormodel.surveys.travels import travel_notes
 from errormodel.yamlfile import Document
@@ -206,7 +206,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     parts: list[Part] = []
     forms = [_own_form(form, entry, tables[0]) for entry, tables in opened]
     plans = [
-        [plan_columns(table, machine, own.columns, measured) for table in tables]
+        [planned(table, machine, own.columns, measured) for table in tables]
         for (_, tables), own in zip(opened, forms, strict=True)
     ]
     named = (name for plan, f in zip(plans, forms, strict=True) if f is form for one in plan for name in one.ours)

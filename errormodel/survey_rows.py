@@ -32,10 +32,10 @@ from errormodel.surveys.columns import (
     check_map,
     check_units,
     machine_columns,
-    plan_columns,
 )
 from errormodel.surveys.file import FileEntry, SurveyForm, read_form
 from errormodel.surveys.plausibility import check_sizes
+from errormodel.surveys.states import planned
 from errormodel.surveys.travels import travel_notes
 from errormodel.yamlfile import Document
 
@@ -252,7 +252,7 @@ def open_rows(
         parts: list[tuple[Table, RowRanges, Plan, int]] = []
         before, all_columns = 0, set[str]()
         for table in tables:
-            plan = plan_columns(table, machine, form.columns, measured)
+            plan = planned(table, machine, form.columns, measured)
             if all_columns and (other := sorted(set(plan.ours) ^ all_columns)):
                 found = f"not the same columns as in {tables[0].name}: {', '.join(other)}"
                 raise InputError(f"{table.name}, header", found, "Give all parts of a folder the same columns")

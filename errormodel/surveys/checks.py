@@ -33,7 +33,7 @@ from errormodel.surveys.columns import (
     Plan,
     first_pose,
     machine_columns,
-    missing_joint,
+    missing_joints,
     quantity_of,
     unit_of_column,
 )
@@ -135,7 +135,7 @@ def read_part(table: Table, plan: Plan, machine: Machine, units: SurveyUnits, me
     if plan.missing_joints:
         wanted = [j for j in plan.missing_joints if volumetric.any() or (joint == j).any()]
         if wanted:
-            raise missing_joint(table, wanted[0], ())
+            raise missing_joints(table, wanted, ())
     _check_commands(offences, frame, joint, machine)
     _check_measured(offences, frame, units)
     _check_labels(offences, frame, machine)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -195,7 +195,7 @@ def plan_columns(table: Table, machine: Machine, columns: Mapping[str, str], mea
     for joint in machine.joints:
         _check_drives(where, joint, ours)
     if missing and "joint" not in ours:
-        raise missing_joint(table, missing[0], unused)
+        raise missing_joints(table, missing, unused, ours)
     something = any(name in ours for name in (*MEASURED, *ORIENTATION, *MOTIONS, *READINGS))
     if measured and not something:
         hints = [f"'{theirs}' looks like '{our}'" for theirs in unused if (our := _near(theirs, machine)) in MEASURED]
@@ -222,15 +222,39 @@ def _check_drives(where: str, joint: Joint, ours: Mapping[str, str]) -> None:
         raise InputError(where, found, "Give one of the two")
 
 
-def missing_joint(table: Table, joint: str, unused: Iterable[str]) -> InputError:
-    """Error for a joint whose commanded position has no column."""
-    unused = list(unused)
-    near = next((name for name in unused if name.lower() == joint.lower()), None)
-    near = near or next(iter(difflib.get_close_matches(joint, unused, n=1, cutoff=0.5)), None)
-    found = f"no column for the joint '{joint}'" + (f"; the nearest is '{near}'" if near else "")
-    example = near or "the name in your file"
-    cure = f"Name the column '{joint}', or write columns: {{{joint}: \"{example}\"}} in a survey.yaml"
-    return InputError(f"{table.name}, header", found, f"{cure}. Found: {', '.join(n for n in table.columns if n)}")
+class MissingJointsError(InputError):
+    """Joints without a column; `there`: columns of a survey that the file has."""
+
+    there: tuple[str, ...] = ()
+
+
+def missing_joints(
+    table: Table, joints: Sequence[str], unused: Iterable[str], there: Iterable[str] = ()
+) -> MissingJointsError:
+    """Error for joints whose commanded positions have no columns, in a file with the columns `there`."""
+    free = list(unused)
+    near = {joint: name for joint in joints if (name := _nearest_name(joint, free))}
+    many = len(joints) > 1
+    found = f"no column{'s' * many} for the joint{'s' * many} {_and([repr(j) for j in joints])}"
+    if near:
+        found += f"; the nearest {'are' if len(near) > 1 else 'is'} {_and([repr(name) for name in near.values()])}"
+    first = next(iter(near), joints[0])
+    example = near.get(first, "the name in your file")
+    cure = f"Name the column{'s' * many} {_and([repr(j) for j in joints])}, or write columns: "
+    cure += f'{{{first}: "{example}"}} in a survey.yaml'
+    listed = ", ".join(n for n in table.columns if n)
+    error = MissingJointsError(f"{table.name}, header", found, f"{cure}. Found: {listed}")
+    error.there = tuple(there)
+    return error
+
+
+def _nearest_name(joint: str, unused: Sequence[str]) -> str:
+    near = next((name for name in unused if name.lower() == joint.lower()), "")
+    return near or next(iter(difflib.get_close_matches(joint, unused, n=1, cutoff=0.5)), "")
+
+
+def _and(names: Sequence[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def _all_or_none(where: str, ours: Mapping[str, str], names: tuple[str, ...]) -> None:

@@ -186,7 +186,7 @@ COMMANDS: dict[str, Case] = {
     "effect without its column": (
         ("fit", "fit", "s.csv", "--out", "out"),
         {"fit/machine.yaml": lambda t: t + "effects: [{effect: payload-sag, joint: Z}]\n"},
-        ("s.csv, header", "no column 'load'", "Valid: ")),
+        ("s.csv, header", "no column 'load'", "Add it (kg). Found: ")),
     "unknown parameter": (
         (*SIMULATE, "--parameters", "t.yaml"), {"t.yaml": "parameters:\n  tabel.dx: 1\n"},
         ("t.yaml, line 2, key parameters.tabel.dx", "Did you mean 'table.dx'")),
