@@ -70,9 +70,7 @@ BAD = {
     "unknown joint": (f"{HEADER},joint,dx\n{ROW},,\n{ROW},x,0\n", "row 2 (line 3), column joint", "'x' is", "'X'?"),
     "joint without its position": ("joint,X,dx\nX,,0.001\n", "row 1 (line 2), column X", "no commanded", "of X"),
     "joint without its column": ("joint,X,dx\nX,1,0.001\nY,,0.001\n", "header", "joint 'Y'", "columns: {Y:"),
-    "volumetric row without a joint": (
-        "joint,X,dx,mx\nX,1,0.001,\n,2,,5\n", "header", "joints 'B', 'Y' and 'Z'", "columns: {B:"
-    ),
+    "volumetric row without a joint": ("joint,X,dx,mx\nX,1,0.001,\n,2,,5\n", "header", "'B', 'Y' and 'Z'", "{B:"),
     "angle in urad": ("joint,X,ea\nX,1,12.5\n", "column ea", "12.5 rad", "1e-6"),
 }  # fmt: skip
 
