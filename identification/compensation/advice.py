@@ -13,13 +13,12 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.controllers.base import Target
 from errormodel.controllers.setup import Setup
-from errormodel.location_errors import squareness
+from errormodel.location_errors import LINE_TARGETS, squareness
 from identification.compensation.assessment import Correct
 from identification.compensation.volume import Volume, best_frame
 
 LEAST_EFFECT_UM = 5.0  # um over the volume: smaller effects are not listed; by judgement
 LEAST_EFFECT_SHARE = 0.2  # of the RMS error before compensation: smaller effects are not listed; by judgement
-LINE_POINTS = 33  # poses along a joint for fitting a straight line; by judgement
 
 
 @dataclass(frozen=True)
@@ -115,8 +114,8 @@ def mechanical_advice(volume: Volume, before_um: float) -> list[Advice]:
 def _line(volume: Volume, k: int) -> tuple[Array, Array]:
     """Commands (n, joints) along joint k with the others at mid-travel, and directions of approach, all positive."""
     middle = (volume.low + volume.high) / 2
-    q = np.tile(middle, (LINE_POINTS, 1))
-    q[:, k] = np.linspace(volume.low[k], volume.high[k], LINE_POINTS)
+    q = np.tile(middle, (LINE_TARGETS, 1))
+    q[:, k] = np.linspace(volume.low[k], volume.high[k], LINE_TARGETS)
     return q, np.ones_like(q)
 
 

@@ -59,13 +59,25 @@ class Field:
         chain = fit.chain
         left_out = {*chain.frame_ids, *chain.tool_ids, *chain.instrument_ids}
         known = {i: v for i, v in fit.values.items() if i in chain.index and i not in left_out}
+        return replace(cls.without_errors(chain, table), values=chain.vector(known))
+
+    @classmethod
+    def without_errors(cls, chain: Chain, table: pd.DataFrame) -> Field:
+        """The field of a machine whose parameters are all 0; other channels at the median of the rows of `table`.
+
+        Raises
+        ------
+        InputError
+            An effect depends on what the rows do not have.
+        """
         numeric = table.select_dtypes("number").median()
         state = {str(name): float(value) for name, value in numeric.items() if np.isfinite(value)}
+        known = {*state, *TOOL_CHANNELS, *(j.name for j in chain.machine.joints)}
         for name in map(root, chain.channels):
-            if name not in (*state, *TOOL_CHANNELS) and not name.startswith(("dir_", "run(", "of(")):
+            if name not in known and not name.startswith(("dir_", "run(", "of(")):
                 found = f"no column '{name}', which an effect of this machine needs"
                 raise InputError("residuals.csv", found, "Run the fit again")
-        return cls(chain, chain.vector(known), movers_of(chain), state)
+        return cls(chain, chain.vector({}), movers_of(chain), state)
 
     @property
     def joints(self) -> tuple[Joint, ...]:

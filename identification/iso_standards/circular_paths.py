@@ -15,7 +15,8 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.surveys.observations import groups
-from identification.iso_standards.series import DRAWS, SAME_POSITION, measured_points
+from identification.iso_standards.series import DRAWS, measured_points
+from identification.results.axis_lines import SAME_POSITION
 
 if TYPE_CHECKING:
     from errormodel.machine import Machine

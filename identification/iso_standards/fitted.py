@@ -20,7 +20,10 @@ from errormodel.surveys.record import RecordForm
 from identification.compensation.field import Field
 from identification.compensation.rows import read_rows
 from identification.iso_standards.base import Quantity
+from identification.results.axis_lines import AxisLines
+from identification.results.location_estimates import LocationEstimate, location_estimates
 from identification.results.stored_fit import StoredFit
+from identification.uncertainty.measured_range import covered as covered_of
 from identification.uncertainty.prediction import unidentified
 
 DRAWS = 400  # of the covariance: the standard uncertainty is then known to 3.5 % (1 / sqrt(2 draws))
@@ -36,6 +39,8 @@ class FittedMachine:
     changes : (draws, base) changes of the base parameters `ids` from their estimates.
     unknown : (draws, parameters of the chain) of what the fit did not identify, in standard uncertainties.
     covered : lowest and highest command of each joint in the fit's rows, mm and rad.
+    lines : of the joints through the middle of what was measured.
+    locations : location errors that the fit determines.
     """
 
     stored: StoredFit
@@ -46,12 +51,15 @@ class FittedMachine:
     unknown: Array
     covered: dict[str, tuple[float, float]]
     record: RecordForm | None
+    lines: AxisLines
+    locations: tuple[LocationEstimate, ...]
 
     @classmethod
     def of(cls, stored: StoredFit, folder: Path, record: RecordForm | None) -> FittedMachine:
         """The machine of a fit that lies in `folder`."""
         chain = stored.chain
         table = read_rows(folder, chain.machine)
+        table = table[table["role"] == "fit"]
         outer = {*chain.frame_ids, *chain.tool_ids, *chain.instrument_ids}
         kept = [k for k, name in enumerate(stored.base) if name in chain.index and name not in outer]
         covariance = stored.covariance[np.ix_(kept, kept)]
@@ -61,9 +69,14 @@ class FittedMachine:
         changes = (normal * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
         q = {j.name: table[j.name].to_numpy(dtype=np.float64) for j in chain.machine.joints}
         covered = {name: (float(np.nanmin(v)), float(np.nanmax(v))) for name, v in q.items()}
+        field = Field.of(stored, table)
+        lines = AxisLines.of(field, stored.data.get("covered") or covered_of(chain, table))
+        # of all rows, where the table has a sample of them
+        covered |= {j.name: lines.ranges[j.name] for j in chain.machine.joints if j.type == "prismatic"}
         ids = tuple(stored.base[k] for k in kept)
         unknown = rng.standard_normal((DRAWS, len(chain.ids)))
-        return cls(stored, folder, Field.of(stored, table), ids, changes, unknown, covered, record)
+        locations = location_estimates(stored, lines, table)
+        return cls(stored, folder, field, ids, changes, unknown, covered, record, lines, locations)
 
     @property
     def chain(self) -> Chain:
@@ -145,13 +158,9 @@ class FittedMachine:
         return np.concatenate([best[None], best + changes.transpose(0, 2, 1)])
 
     def location_errors(self) -> list[Quantity]:
-        """Squareness and parallelism as the fit determines them."""
-        entries = self.stored.data.get("location_errors", [])
+        """Squareness and parallelism between lines, as far as the fit determines them."""
         basis = "covariance of the fit"
-        return [
-            Quantity(str(e["symbol"]), "", str(e["words"]), float(e["value"]), "rad", 2 * float(e["std"]), basis)
-            for e in entries
-        ]
+        return [Quantity(e.symbol, "", e.spoken, e.value, "rad", 2 * e.std, basis) for e in self.locations]
 
     def path(self, joint: Joint, count: int, at: Array | None = None) -> Array:
         """Commands (count, joints) of a joint along its measured travel, the others in the middle (or `at`)."""
@@ -159,9 +168,9 @@ class FittedMachine:
         q[:, self.joints.index(joint)] = np.linspace(*self.range(joint), count)
         return q
 
-    def toward(self, joint: Joint) -> Array:
+    def toward(self, joint: Joint, at: Array | None = None) -> Array:
         """Unit vector (3,) in which the tip moves with a linear joint, in the axes of the reference."""
-        q = np.tile(self.middle(), (2, 1))
+        q = np.tile(self.middle() if at is None else at, (2, 1))
         q[1, self.joints.index(joint)] += 1.0
         step = np.diff(self.nominal(q), axis=0)[0]
         return np.asarray(step / np.linalg.norm(step))

@@ -20,7 +20,8 @@ from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from identification.iso_standards.base import Chart, Evaluation, Quantity, Standard, spread
 from identification.iso_standards.fitted import FittedMachine
-from identification.iso_standards.series import DRAWS, SAME_POSITION, measured_points
+from identification.iso_standards.series import DRAWS, measured_points
+from identification.results.axis_lines import SAME_POSITION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -17,12 +17,23 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.conventions import ROTATIONS, TRANSLATIONS, Motion, iso_symbol
-from errormodel.location_errors import ALIGNED_COSINE, ROTATION_LETTERS, one_of_each_pair
-from identification.iso_standards.base import Chart, Evaluation, Quantity, Sheet, Standard, shown_unit, spread, text
+from errormodel.location_errors import ALIGNED_COSINE, LINE_TARGETS, one_of_each_pair, rotation_of_line
+from identification.iso_standards.base import (
+    COVERAGE_FACTOR,
+    Chart,
+    Evaluation,
+    Quantity,
+    Sheet,
+    Standard,
+    shown_unit,
+    spread,
+    text,
+)
 from identification.iso_standards.fitted import FittedMachine
 from identification.iso_standards.measured_lines import STATED, MeasuredLine, lines_of
 from identification.iso_standards.reference_lines import LEAST_SQUARES, LINES, least_squares, straightened, straightness
-from identification.iso_standards.series import DRAWS, SAME_POSITION, Series, series_of
+from identification.iso_standards.series import DRAWS, Series, series_of
+from identification.results.axis_lines import SAME_POSITION, spoken_place
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,7 +43,6 @@ if TYPE_CHECKING:
 
 FEWEST_TARGETS = 3  # of which a line leaves something
 LEAST_CURVATURE_MM = 1e-6  # of a fitted model: what is smaller is rounding, and terms of second order
-MODEL_TARGETS = 21  # of a fitted model: enough for curves that polynomials describe
 
 
 @dataclass(frozen=True)
@@ -85,12 +95,12 @@ class Geometry(Standard):
         return _evaluation(self, f"survey {survey.source.name}", curves, squares, basis, notes if stated else ())
 
     def of_fit(self, model: FittedMachine) -> Evaluation:
-        curves = []
+        curves, place = [], model.lines.place
         for joint in model.joints:
             if joint.type != "prismatic" or np.ptp(model.covered[joint.name]) == 0:
                 continue
-            q = model.path(joint, MODEL_TARGETS)
-            k, axis = model.joints.index(joint), model.toward(joint)
+            q = model.path(joint, LINE_TARGETS, place)
+            k, axis = model.joints.index(joint), model.toward(joint, place)
             came = np.ones_like(q)
             both = (model.errors(q, came) + model.errors(q, -came)) / 2
             curves += [
@@ -104,10 +114,27 @@ class Geometry(Standard):
         squares = model.location_errors()
         notes = (
             *unknown,
-            "straightness is that of the tip's path along the middle of the measured travels; angles need rows about "
+            "straightness, squareness and parallelism are those of the tip's paths through the middle of the measured "
+            f"travels ({spoken_place(model.joints, place)}) unless another place is stated; angles need rows about "
             "error motions, or two tools, and are not given",
+            *_elsewhere(model),
         )
         return replace(_evaluation(self, model.source, curves, squares, "covariance of the fit", notes), sheets=())
+
+
+def _elsewhere(model: FittedMachine) -> Iterator[str]:
+    """A note on the location errors that are others between other lines, by more than their uncertainty."""
+    errors = {e.symbol: e for e in model.chain.location_errors}
+    found = []
+    for e in model.locations:
+        low, high = model.lines.elsewhere(errors[e.symbol])
+        if max(high - e.value, e.value - low) > COVERAGE_FACTOR * e.std:
+            found.append(f"{e.symbol} {text(low, 'rad')} to {text(high, 'rad')}")
+    if found:
+        yield (
+            "squareness and parallelism depend on the place, by angular error motions: between lines along the edges "
+            f"of the measured travels {', '.join(found)} {shown_unit('rad')}"
+        )
 
 
 def _across(axis: Array) -> list[Motion]:
@@ -158,10 +185,10 @@ def _between_lines(
             longest[series.joint.name] = series
     directions = {name: _direction(series, rng) for name, series in longest.items()}
     for error in one_of_each_pair(Chain(machine).location_errors):
-        reference, line = error.reference.name, error.line.name
+        reference, line = error.reference.joint.name, error.line.joint.name
         if reference not in directions or line not in directions:
             continue
-        about = np.eye(3)[ROTATION_LETTERS.index(error.symbol[1])]
+        about = np.eye(3)[error.about]
         values = _tilt(longest[line].axis, directions[line], about) - _tilt(
             longest[reference].axis, directions[reference], about
         )
@@ -183,10 +210,10 @@ def _of_readings(
             longest[key] = line.series
     slopes = {key: _direction(series, rng)[:, key[2]] for key, series in longest.items()}
     for error in one_of_each_pair(Chain(machine).location_errors):
-        about = np.eye(3)[ROTATION_LETTERS.index(error.symbol[1])]
+        about = np.eye(3)[error.about]
         for reference in dict.fromkeys(key[0] for key in longest):
             tilts, places = [], []
-            for joint in (error.line.name, error.reference.name):
+            for joint in (error.line.joint.name, error.reference.joint.name):
                 own = [k for k in longest if k[:2] == (reference, joint)]
                 toward = np.cross(about, np.round(longest[own[0]].axis)) if own else np.zeros(3)
                 key = (reference, joint, int(np.argmax(np.abs(toward))))
@@ -218,7 +245,7 @@ def _direction(series: Series, rng: np.random.Generator) -> Array:
 def _tilt(axis: Array, slopes: Array, about: Array) -> Array:
     """Rotation (draws,) of a line along `axis` about a principal direction, rad: the slope along ``about x axis``."""
     principal = np.round(axis)
-    return np.asarray(slopes @ np.cross(about, principal))
+    return rotation_of_line(about, principal, slopes)
 
 
 def _evaluation(

@@ -17,7 +17,8 @@ from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion
 from identification.iso_standards.base import Chart, Evaluation, Quantity, Sheet, Standard, shown_unit, spread, text
-from identification.iso_standards.series import DRAWS, SAME_POSITION, measured_points, series_of
+from identification.iso_standards.series import DRAWS, measured_points, series_of
+from identification.results.axis_lines import SAME_POSITION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

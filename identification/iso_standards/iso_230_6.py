@@ -20,8 +20,9 @@ from errormodel.machine import Joint
 from identification.iso_standards.base import Evaluation, Quantity, Standard, spread
 from identification.iso_standards.fitted import FittedMachine
 from identification.iso_standards.measured_lengths import BEAM_NOTE, lengths_of
-from identification.iso_standards.series import DRAWS, SAME_POSITION, measured_points, sides_of
+from identification.iso_standards.series import DRAWS, measured_points, sides_of
 from identification.iso_standards.targets import Axis, as_json, axis_of, chart, of_readings, sheet
+from identification.results.axis_lines import SAME_POSITION
 
 if TYPE_CHECKING:
     from errormodel.machine import Machine

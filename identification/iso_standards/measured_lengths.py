@@ -16,7 +16,8 @@ from errormodel.chain import Chain
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.surveys.observations import Group, groups
-from identification.iso_standards.series import SAME_POSITION, sides_of
+from identification.iso_standards.series import sides_of
+from identification.results.axis_lines import SAME_POSITION
 
 FEWEST_TARGETS = 3
 OFF_LINE_SHARE = 1e-6  # of a line's length: commanded points closer to it lie on it

@@ -18,7 +18,8 @@ from errormodel.location_errors import ALIGNED_COSINE
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.surveys.observations import Group, groups
-from identification.iso_standards.series import LEAST_MOVED, SAME_POSITION, Series, sides_of
+from identification.iso_standards.series import Series, sides_of
+from identification.results.axis_lines import LEAST_MOVED, SAME_POSITION
 
 FEWEST_TARGETS = 3  # of which a line leaves something
 STATED = "stated slopes"

@@ -25,10 +25,9 @@ from errormodel.surveys.motion_sizes import FEWEST_ROWS, REASON, central_range, 
 from identification.observation.assembly import frame_labels
 from identification.observation.frames import align
 from identification.observation.pose import IDENTITY, Pose
+from identification.results.axis_lines import LEAST_MOVED, SAME_POSITION, spoken_place
 
 DRAWS = 400  # of the declared noise: the standard uncertainty is then known to 3.5 % (1 / sqrt(2 draws))
-SAME_POSITION = 1e-6  # mm or rad: commands closer than this are one target
-LEAST_MOVED = 1e-3  # mm or rad: less is no motion
 
 
 @dataclass(frozen=True)
@@ -253,7 +252,7 @@ def _of_points(survey: Survey, machine: Machine, points: Points) -> Iterator[Ser
             nothing = np.full((len(own), 3), np.nan)
             sides = sides_of(survey, joint, index, q[own, k])
             yield Series(
-                joint, _place(joints, q[own[0]], k), q[own, k], axis, points.deviation[own], nothing,
+                joint, spoken_place(joints, q[own[0]], joint), q[own, k], axis, points.deviation[own], nothing,
                 None if points.sigma is None else points.sigma[own], None, sides, index,
             )  # fmt: skip
 
@@ -279,13 +278,3 @@ def sides_of(survey: Survey, joint: Joint, index: Index, position: Array) -> Arr
         return survey.direction(joint.name)[index]
     runs = np.unique(survey.table["run"].to_numpy(dtype=str)[index], return_inverse=True)[1]
     return passes(position, runs)
-
-
-def _place(joints: tuple[Joint, ...], q: Array, moving: int) -> str:
-    """Where the joints that stand still stand, in words."""
-    words = []
-    for k, joint in enumerate(joints):
-        if k != moving:
-            value = np.degrees(q[k]) if joint.type == "rotary" else q[k]
-            words.append(f"{joint.name} {value + 0.0:.6g}{'°' if joint.type == 'rotary' else ''}")
-    return ", ".join(words)

@@ -10,7 +10,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from identification.iso_standards.base import Chart, Sheet, shown_unit, text
-from identification.iso_standards.series import SAME_POSITION
+from identification.results.axis_lines import SAME_POSITION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -125,7 +125,8 @@ def _beside(groups: Sequence[Watched], errors: Sequence[Mapping[str, Any]]) -> I
         if np.linalg.norm(left) > SAME_GROUP_SHARE:
             known.append(own)
             formula = " + ".join(f"{c:.6g} {name}" for name, c in e["members"].items()).replace("+ -", "- ")
-            yield Watched(e["symbol"], formula, e["words"], e["unit"], dict(e["members"]))
+            words = e["words"] if e.get("at") else f"{e['words']}, by the constants of shapes"  # of older versions
+            yield Watched(e["symbol"], formula, words, e["unit"], dict(e["members"]))
 
 
 def _unit_of_noise(stored: StoredFit) -> str:

@@ -155,11 +155,13 @@ def group_sections(groups: Sequence[Estimate]) -> list[tuple[str, list[GroupRow]
 
 
 def location_rows(errors: Sequence[LocationEstimate]) -> list[GroupRow]:
-    """Rows of the location errors; the words stand in place of a formula."""
+    """Rows of the location errors; the words, with the place of the lines, stand in place of a formula."""
     factor, unit = printed("rad")
     return [
         _group_row(
-            Estimate(number, e.symbol, e.symbol, e.words, e.symbol, "", factor * e.value, factor * e.std, unit, "joint")
+            Estimate(
+                number, e.symbol, e.symbol, e.spoken, e.symbol, "", factor * e.value, factor * e.std, unit, "joint"
+            )
         )
         for number, e in enumerate(errors, start=1)
     ]

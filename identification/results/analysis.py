@@ -5,7 +5,10 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from errormodel.exceptions import InputError
+from identification.compensation.field import Field
 from identification.estimation.result import Fit
+from identification.results.axis_lines import AxisLines
 from identification.results.groups import groups_of
 from identification.results.location_estimates import LocationEstimate, location_estimates
 from identification.results.parameter_table import Estimate, estimates
@@ -66,7 +69,14 @@ class Analysis:
 
     @cached_property
     def location_errors(self) -> tuple[LocationEstimate, ...]:
-        return location_estimates(self.fit)
+        stored, table = self.stored, self.fit.survey.table
+        if not stored.chain.location_errors:
+            return ()
+        try:
+            field = Field.of(stored, table)
+        except InputError:  # an effect depends on what was not recorded
+            return ()
+        return location_estimates(stored, AxisLines.of(field, stored.data["covered"]), table)
 
     @cached_property
     def stored(self) -> StoredFit:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,8 @@ from identification.estimation.least_squares import identifiable
 from identification.observation.assembly import build
 from identification.observation.identifiability import Groups
 from identification.observation.models import PositionView, View, fixed_tool
+from identification.results.axis_lines import LocationAt, locations_of
+from identification.uncertainty.measured_range import covered
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,6 +41,7 @@ class Description:
     reasons : reason for each parameter without effect.
     with_frame : groups when the measuring frame is unknown as well, as in the survey; None without a survey.
     split : groups of the machine with a single tool that the survey's poses and tools separate.
+    locations : location errors of the axes, of lines through the middle of the travels, or of what the survey covers.
     """
 
     chain: Chain
@@ -45,6 +49,7 @@ class Description:
     reasons: dict[str, str]
     with_frame: Groups | None = None
     split: tuple[str, ...] = ()
+    locations: Sequence[LocationAt] = ()
 
     def summary(self) -> str:
         """What the command line prints of it."""
@@ -89,7 +94,8 @@ def describe(machine: Machine, survey: Survey | None = None) -> Description:
     ids = chain.machine_ids
     alone = identifiable(chain, [_random_view(chain)], ids)
     if survey is None:
-        return Description(chain, alone, no_effect_reasons(chain, alone, None))
+        locations = locations_of(chain, _random_table(chain), {})
+        return Description(chain, alone, no_effect_reasons(chain, alone, None), locations=locations)
     survey = _as_if_measured(chain, survey)
     problem = build(chain, survey)
     groups = identifiable(chain, problem.views, ids)
@@ -101,6 +107,7 @@ def describe(machine: Machine, survey: Survey | None = None) -> Description:
         no_effect_reasons(chain, groups, survey),
         identifiable(chain, problem.views, problem.unknowns),
         split,
+        locations_of(chain, survey.table, covered(chain, survey.table)),
     )
 
 

@@ -87,6 +87,7 @@ class _LocationError(_Part):
     words: str
     unit: str
     members: dict[str, Number]
+    at: str = ""  # of older versions: by the constants of shapes, wherever
 
 
 class _SetUp(_Part):

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from errormodel.machine import Joint
 from errormodel.surveys.observations import is_unknown
 from identification.estimation.result import Fit
+from identification.results.groups import PART_OF
 
 DISPLAY_UNITS: dict[str, tuple[float, str]] = {
     "mm": (1e3, "µm"),
@@ -91,7 +92,8 @@ def estimates(fit: Fit, groups: Sequence[Mapping[str, Any]]) -> list[Estimate]:
             kind = "joint" if known.element in joints else "member" if known.element in members else "frame"
             kind = "effect" if p["id"] in of_effects else kind
         more = " …" if len(p["members"]) > 1 else ""
-        symbol = p["symbol"] + more if p["symbol"] and not p["meaning"] else p["symbol"]
+        whole = p["meaning"] and not p["meaning"].startswith(PART_OF)
+        symbol = p["symbol"] + more if p["symbol"] and not whole else p["symbol"]
         values = (factor * p["value"], factor * p["std"])
         out.append(Estimate(number, p["id"], p["id"] + more, p["group"], symbol, p["meaning"], *values, unit, kind))
     return out

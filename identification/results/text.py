@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.location_errors import named
 from identification.estimation.result import noise_bounds
+from identification.results.groups import PART_OF, location_name
 from identification.results.parameter_table import chance, printed
 from identification.results.set_ups import SetUpValue, set_ups
 from identification.results.terminal import table_lines
@@ -42,10 +42,9 @@ def description_lines(description: Description) -> Iterator[str]:
     units = {p.id: p.unit for p in chain.parameters}
     for k in range(groups.rank):
         base = groups.ids[groups.base[k]]
-        location = named(chain.location_errors, groups.members(k))
-        symbol = location.symbol if location else symbols.get(base, "")
-        meaning = f"   {location.words}" if location else ""
-        yield f"  {symbol:9} {units.get(base, ''):7} {groups.name(k)}{meaning}"
+        location, meaning = location_name(chain, description.locations, groups.members(k))
+        symbol = location or symbols.get(base, "")
+        yield f"  {symbol:9} {units.get(base, ''):7} {groups.name(k)}{'   ' if meaning else ''}{meaning}"
     if groups.no_effect:
         yield "\nno effect"
         for identity, reason in description.reasons.items():
@@ -89,7 +88,8 @@ def fit_lines(analysis: Analysis) -> Iterator[str]:
     shared = ("frame.", "frame[", "zero[", "observation[")
     effects = fit.chain.of_effects  # that of an instrument moves the frame, but is none of it
     framed = [any(m.startswith(shared) and m not in effects for m in p["members"]) for p in analysis.groups]
-    listed = [p for p, own in zip(analysis.groups, framed, strict=True) if not own and not p["meaning"]]
+    whole = [bool(p["meaning"]) and not p["meaning"].startswith(PART_OF) for p in analysis.groups]
+    listed = [p for p, *no in zip(analysis.groups, framed, whole, strict=True) if not any(no)]
     listed.sort(key=lambda p: -abs(p["value"]) / p["std"] if p["std"] else -np.inf)
     yield "\nlargest in units of their uncertainty (all in parameters.csv)"
     rows = []
@@ -99,9 +99,11 @@ def fit_lines(analysis: Analysis) -> Iterator[str]:
         rows.append([p["symbol"], value, std, unit.replace("µ", "u"), p["group"], p["meaning"]])
     yield from table_lines(rows, "<>><<<", indent=2)
     if analysis.location_errors:
-        yield "\nlocation errors of the axes (squareness, parallelism)"
+        spots = {e.at for e in analysis.location_errors}
+        common = f", between {min(spots)}" if len(spots) == 1 else ""
+        yield f"\nlocation errors of the axes (squareness, parallelism){common}"
         cells = [
-            [e.symbol, f"{1e6 * e.value:.3f}", f"+- {1e6 * e.std:8.3f}", "urad", e.words]
+            [e.symbol, f"{1e6 * e.value:.3f}", f"+- {1e6 * e.std:8.3f}", "urad", e.words if common else e.spoken]
             for e in analysis.location_errors
         ]
         yield from table_lines(cells, "<>><<", indent=2)

@@ -5,7 +5,7 @@ Positions and errors are in mm in the measuring frame, error motions in mm and r
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -280,11 +280,9 @@ def unidentified(fit: StoredFit, names: list[str], design: Array) -> Iterator[tu
         for member, coefficient in fit.groups[fit.base[k]].items():
             if member in place:
                 groups[row, place[member]] = coefficient
-    scale = _plausible(fit)
-    units = {p.id: p.unit for p in fit.chain.parameters}
-    priors = {p.id: p.prior for p in fit.chain.parameters if p.prior is not None}
+    sizes = dict(zip(names, plausible_sizes(fit, names), strict=True))
     for name in names:
-        if name in fit.base or name not in units or name in fit.chain.frame_ids:
+        if name in fit.base or name not in fit.chain.index or name in fit.chain.frame_ids:
             continue
         column = design[place[name]]
         mix = groups[:, place[name]]
@@ -292,7 +290,14 @@ def unidentified(fit: StoredFit, names: list[str], design: Array) -> Iterator[tu
         left = column - np.tensordot(mix[some], base[some], axes=1)
         left[np.abs(left) < 1e-6 * np.abs(column).max(initial=1e-300)] = 0.0  # round-off: dependent here as well
         if left.any():
-            yield name, left * priors.get(name, scale.get(units[name], 0.0))
+            yield name, left * sizes[name]
+
+
+def plausible_sizes(fit: StoredFit, names: Sequence[str]) -> Array:
+    """Standard deviations (parameters,) before a survey: priors, or the size of what was identified of that unit."""
+    scale = _plausible(fit)
+    known = {p.id: scale.get(p.unit, 0.0) if p.prior is None else p.prior for p in fit.chain.parameters}
+    return np.array([known.get(name, 0.0) for name in names])
 
 
 def _plausible(fit: StoredFit) -> dict[str, float]:

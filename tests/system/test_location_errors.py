@@ -7,15 +7,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from errormodel.arrays import Array, as_rows
 from errormodel.chain import Chain
-from errormodel.location_errors import location_of, named
+from errormodel.location_errors import location_of
 from errormodel.machine import Joint, Machine
 from errormodel.machine_file import read_machine
+from identification.results.axis_lines import LocationAt, locations_of
+from identification.results.groups import location_name
 from tests.helpers.commands import FIVE, MILL, done, run
 from tests.helpers.nightly import first_of
+
+MACHINES = Path(__file__).resolve().parents[2] / "machines"
 
 
 def tip(chain: Chain, values: dict[str, float], **position: float) -> Array:
@@ -40,6 +45,11 @@ def direction(chain: Chain, joint: Joint, values: dict[str, float]) -> Array:
     return unit * np.sign(unit[np.argmax(np.abs(unit))])
 
 
+def locations(machine: Machine) -> dict[str, LocationAt]:
+    """Location errors between lines through the middle of the travels."""
+    return {at.error.symbol: at for at in locations_of(Chain(machine), pd.DataFrame(), {})}
+
+
 SIGNS = {  # ISO 230-1: a positive rotation of the second axis about the third moves its line towards ...
     ("X", "Y", "C"): (1, 0, -1), ("X", "Z", "B"): (2, 0, 1), ("Y", "Z", "A"): (2, 1, -1),
 }  # fmt: skip
@@ -50,8 +60,8 @@ SIGNS = {  # ISO 230-1: a positive rotation of the second axis about the third m
 def test_squareness_is_the_angle_between_the_paths(machine: str, first: str, second: str, about: str):
     """Each shape's rotation changes the angle between two paths of the tip by what its coefficient says."""
     chain = Chain(read_machine(machine))
-    (error,) = (e for e in location_of(chain.machine) if e.symbol == f"E{about}(0{first}){second}")
-    assert error.words == f"squareness of {second} against {first}"
+    at = locations(chain.machine)[f"E{about}(0{first}){second}"]
+    assert at.error.words == f"squareness of {second} against {first}"
     one, other = (next(j for j in chain.machine.joints if j.name == n) for n in (first, second))
     size, (_, towards, sign) = 1e-5, SIGNS[first, second, about]
     for shape in chain.machine.shapes:
@@ -59,7 +69,7 @@ def test_squareness_is_the_angle_between_the_paths(machine: str, first: str, sec
             name = f"{shape.name}.{motion}"
             a, b = (direction(chain, j, {name: size}) for j in (one, other))
             tilt = float(a @ b)  # of perpendicular lines: how far the one leans towards the other
-            assert sign * tilt / size == pytest.approx(error.members.get(name, 0.0), abs=1e-3)
+            assert sign * tilt / size == pytest.approx(at.members.get(name, 0.0), abs=1e-3)
     assert np.eye(3)[towards] @ direction(chain, one, {}) == pytest.approx(1)
 
 
@@ -67,24 +77,47 @@ def test_squareness_is_the_angle_between_the_paths(machine: str, first: str, sec
 def test_the_sense_of_an_axis_does_not_change_its_squareness(axis: tuple[float, float, float]):
     machine = read_machine(MILL)
     turned = tuple(replace(e, axis=axis) if e.name == "X" else e for e in machine.elements)
-    found = {e.symbol: dict(e.members) for e in location_of(Machine("m", turned, machine.tool))}
-    assert found["EC(0X)Y"]["saddle.ec"] == 1
-    assert found["EC(0Y)X"]["saddle.ec"] == -1
+    found = locations(Machine("m", turned, machine.tool))
+    assert found["EC(0X)Y"].members["saddle.ec"] == pytest.approx(1)
+    assert found["EC(0Y)X"].members["saddle.ec"] == pytest.approx(-1)
+
+
+def without_angles(machine: Machine) -> Machine:
+    """The machine with straightness and positioning errors of its joints only."""
+    elements = [
+        replace(e, models={k: v for k, v in e.models.items() if k in ("dx", "dy", "dz")}) if isinstance(e, Joint) else e
+        for e in machine.elements
+    ]
+    return Machine("m", tuple(elements), machine.tool)
 
 
 def test_only_a_group_of_the_same_members_has_the_name():
-    errors = location_of(read_machine(MILL))
+    machine = without_angles(read_machine(MILL))
+    chain, found = Chain(machine), list(locations(machine).values())
     slopes = {"saddle.ec": 1.0, "X.dy.1": -1 / 380, "Y.dx.1": -1 / 205}
-    found = named(errors, slopes)
-    assert found is not None
-    assert (found.symbol, found.words) == ("EC(0X)Y", "squareness of Y against X")
+    assert location_name(chain, found, slopes) == ("EC(0X)Y", "squareness of Y against X")
+    for other in ({"saddle.ec": 1.0}, slopes | {"X.dy.1": 1 / 380}):
+        assert location_name(chain, found, other) == ("", "part of the squareness of Y against X")
     for other in (
-        {"saddle.ec": 1.0}, {"table.ec": 1.0}, slopes | {"table.ec": 1.0}, slopes | {"X.dy.1": 1 / 380},
-        {k: 2 * v for k, v in slopes.items()}, {"frame.ec": 1.0}, {},
+        {"table.ec": 1.0}, slopes | {"table.ec": 1.0}, {k: 2 * v for k, v in slopes.items()}, {"frame.ec": 1.0},
+        slopes | {"frame.ec": -1.0}, {},
     ):  # fmt: skip
-        assert named(errors, other) is None
-    lever = slopes | {"X.ea.1": 70.0}  # of another point of the carriage
-    assert named(errors, lever) == found
+        assert location_name(chain, found, other) == ("", "")
+
+
+def test_constants_to_which_angular_error_motions_add_are_no_squareness():
+    """X rolls: its path at the height of the tool leans, so that the constants are a part of the squareness."""
+    machine = read_machine(MILL)
+    chain, found = Chain(machine), locations(machine)
+    slopes = {"saddle.ec": 1.0, "X.dy.1": -1 / 380, "Y.dx.1": -1 / 205}
+    assert location_name(chain, list(found.values()), slopes) == ("", "part of the squareness of Y against X")
+    whole = found["EC(0X)Y"].members
+    assert location_name(chain, list(found.values()), whole) == ("EC(0X)Y", "squareness of Y against X")
+    # the tip leans with the roll by its height over the guides
+    (joint,) = (j for j in machine.joints if j.name == "X")
+    ends = [tip(chain, {"X.ea.1": 1e-6}, X=x, Z=375.0)[1] for x in joint.travel]
+    assert whole["X.ea.1"] == pytest.approx(-1e6 * (ends[1] - ends[0]) / (joint.travel[1] - joint.travel[0]), rel=1e-4)
+    assert abs(whole["X.ea.1"]) > 0.5
 
 
 def test_rotary_axes_have_the_names_of_their_standard():
@@ -101,18 +134,33 @@ def test_squareness_is_named_wherever_groups_are_printed(tmp_path: Path):
     done("simulate", MILL, 80, "--parameters", tmp_path / "truth.yaml", "--noise", 0.001, "--out", tmp_path / "s.csv")
     ended = done("fit", MILL, tmp_path / "s.csv", "--out", tmp_path / "fit")
     (line,) = (row for row in ended.out.splitlines() if "EC(0X)Y" in row)
-    assert line.split()[:2] == ["EC(0X)Y", line.split()[1]]
     assert -75 < float(line.split()[1]) < -45
     assert line.endswith("squareness of Y against X")
-    listed = json.loads((tmp_path / "fit" / "fit.json").read_text(encoding="utf-8"))["parameters"]
-    (entry,) = (p for p in listed if p["symbol"] == "EC(0X)Y")
-    assert entry["id"] == "saddle.ec"
-    assert entry["meaning"] == "squareness of Y against X"
-    table = (tmp_path / "fit" / "parameters.csv").read_text(encoding="utf-8")
-    assert ",EC(0X)Y," in table
+    assert "part of the" not in line
+    fitted = json.loads((tmp_path / "fit" / "fit.json").read_text(encoding="utf-8"))
+    (found,) = (e for e in fitted["location_errors"] if e["symbol"] == "EC(0X)Y")
+    assert found["at"].startswith("lines through X ")
+    assert found["at"].removeprefix("lines through ") in ended.out
+    (entry,) = (p for p in fitted["parameters"] if p["id"] == "saddle.ec")
+    assert (entry["symbol"], entry["meaning"]) == ("", "part of the squareness of Y against X")
+    assert "part of the squareness of Y against X" in done("describe", MILL).out
     page = (tmp_path / "fit" / "report.html").read_text(encoding="utf-8")
-    assert "squareness of Y against X" in page
-    described = done("describe", MILL).out
+    assert f"squareness of Y against X ({found['at']})" in page
+
+
+def test_a_constant_that_is_the_squareness_has_its_name(tmp_path: Path):
+    text = (MACHINES / f"{MILL}.yaml").read_text(encoding="utf-8")
+    machine = tmp_path / "mill.yaml"
+    machine.write_text(text[: text.index("errors:")] + "errors: {shapes: all}\n", encoding="utf-8")
+    done("simulate", machine, 80, "--noise", 0.001, "--out", tmp_path / "s.csv")
+    done("fit", machine, tmp_path / "s.csv", "--out", tmp_path / "fit")
+    fitted = json.loads((tmp_path / "fit" / "fit.json").read_text(encoding="utf-8"))
+    (entry,) = (p for p in fitted["parameters"] if p["symbol"] == "EC(0X)Y")
+    assert (entry["id"], entry["meaning"]) == ("saddle.ec", "squareness of Y against X")
+    assert ",EC(0X)Y," in (tmp_path / "fit" / "parameters.csv").read_text(encoding="utf-8")
+    (found,) = (e for e in fitted["location_errors"] if e["symbol"] == "EC(0X)Y")
+    assert found["value"] == pytest.approx(entry["value"], abs=1e-9)
+    described = done("describe", machine).out
     assert "  EC(0X)Y   rad     saddle.ec" in described
     assert "squareness of Z against Y" in described
 
@@ -121,8 +169,8 @@ def test_squareness_is_named_wherever_groups_are_printed(tmp_path: Path):
 def test_squareness_shared_with_the_measuring_frame(tmp_path: Path):
     """Of joints with polynomials it is a sum of groups that each depend on the frame; fit and monitor know it."""
     machine = read_machine("bridge_cmm")
-    errors = [e for e in location_of(machine) if e.symbol in ("EC(0X)Y", "EC(0Y)X")]
-    shape = next(i for i in errors[0].members if i.split(".")[0] in {s.name for s in machine.shapes})
+    errors = locations(machine)
+    shape = "bridge.ec"
 
     def fitted(name: str, size: float, seed: int) -> Path:
         (tmp_path / "truth.yaml").write_text(f"parameters: {{{shape}: {size}}}\n")
@@ -136,7 +184,7 @@ def test_squareness_shared_with_the_measuring_frame(tmp_path: Path):
     fit = json.loads((tmp_path / "fit" / "fit.json").read_text(encoding="utf-8"))
     assert not any(p["symbol"] in ("EC(0X)Y", "EC(0Y)X") for p in fit["parameters"])
     (found,) = (e for e in fit["location_errors"] if e["symbol"] in ("EC(0X)Y", "EC(0Y)X"))
-    truth = next(e for e in errors if e.symbol == found["symbol"]).members[shape] * 20e-6
+    truth = errors[found["symbol"]].members[shape] * 20e-6
     assert abs(found["value"] - truth) < 4 * found["std"] < 60e-6
     for seed in range(1, 7):
         assert run("monitor", tmp_path / "fit", fitted("cycle", 20e-6, seed)).code == 0
