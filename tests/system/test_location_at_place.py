@@ -119,6 +119,7 @@ def test_a_certificate_has_the_squareness_of_lines_through_the_middle(folder: Pa
     assert all(abs(place[n] - np.mean(ranges[n])) < np.ptp(ranges[n]) / 1000 for n in "XYZ")
     for symbol, truth in measured(place, ranges).items():
         q = found[symbol]
+        assert q.expanded is not None
         assert abs(q.value - truth) < 1.5 * q.expanded < 6e-6, symbol
         assert q.value == pytest.approx(entries[symbol]["value"], abs=1e-12)
         assert q.expanded == pytest.approx(2 * entries[symbol]["std"])
@@ -206,7 +207,7 @@ def test_an_axis_average_line_has_the_mean_tilt_of_its_turn_where_it_stands() ->
     p = chain.vector(values)
 
     def points(**q: Array) -> Array:
-        columns = np.broadcast_arrays(*({"tool_x": 100.0, **q}.get(name, 0.0) for name in chain.channels))
+        columns = np.broadcast_arrays(*(np.asarray({"tool_x": 100.0, **q}.get(name, 0.0)) for name in chain.channels))
         return np.asarray(chain.kernel("actual", outputs=(0, 1, 2))(as_rows(*columns), p)).T
 
     turn = np.linspace(0.0, 2 * np.pi, 73)[:-1]
