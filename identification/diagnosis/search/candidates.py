@@ -33,7 +33,7 @@ from identification.diagnosis.search.blocks import (
     columns_of,
     gram_of,
 )
-from identification.diagnosis.search.known_products import KnownProducts, begun_with, keep_begun
+from identification.diagnosis.search.known_products import KnownProducts, begun_with, combined, keep_begun
 from identification.diagnosis.search.marginal_likelihood import Scored, free_scores, random_scores
 from identification.diagnosis.search.proposals import proposed
 from identification.runtime.parallel import parallel_map
@@ -244,14 +244,14 @@ class Candidates:
         known, basis, residual = before.of_model(self._alike, self.blocks, linear)
         self._products[:] = [known]
         along = np.column_stack([basis[:, begun:], residual]).astype(SINGLE)
-        for n, own in enumerate(known.products):
-            most = max(COLUMNS // own.shape[1], 1)
-            for first in range(0, len(own), most):
+        for n, parts in enumerate(known.products):
+            count, width, _ = parts[0].shape
+            most = max(COLUMNS // width, 1)
+            for first in range(0, count, most):
                 rows = slice(first, first + most)
-                some = own[rows]
                 with np.errstate(invalid="ignore"):  # OpenBLAS once raised it, which could not be brought about again
-                    product = some.reshape(-1, own.shape[2]) @ along
-                yield n, rows, product.reshape(*some.shape[:2], -1).astype(float)
+                    product = combined(parts, rows, along)
+                yield n, rows, product.astype(float)
 
 
 def _keep(kept: OrderedDict[Lineage, T], lineage: Lineage, value: T) -> None:

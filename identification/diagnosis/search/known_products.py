@@ -21,6 +21,7 @@ from identification.diagnosis.search.alike_blocks import AlikeBlocks, products_o
 from identification.diagnosis.search.blocks import SINGLE, Block, Vectors
 
 BEYOND = 1e-9  # of vectors of unit length: less is left by rounding
+PART = 256  # directions of a part: a copy of few is no work, and the products of many are as quick as those of all
 MOST_SHARE = 0.25  # of the observations: with more directions the products themselves are as quick
 
 
@@ -31,18 +32,19 @@ class KnownProducts:
     Attributes
     ----------
     directions : (N, q) orthonormal.
-    products : (m, k, q) of the columns of blocks that are alike with them: one product for all of these is quicker.
+    products : (m, k, .) of the columns of blocks that are alike with them: one product for all of these is quicker. In
+        parts along the directions, which searches that go on from here share.
     effects : of those that were fitted, what the geometry leaves of their columns (k, .) along the directions.
     """
 
     directions: Array
-    products: tuple[Columns, ...]
+    products: tuple[tuple[Columns, ...], ...]
     effects: Mapping[Effect, Array] = field(default_factory=dict)
 
     @classmethod
     def of(cls, alike: Sequence[AlikeBlocks], size: int) -> KnownProducts:
         """None yet, for vectors with so many observations."""
-        return cls(np.empty((size, 0)), tuple(np.empty((*own.slope.shape, 0), SINGLE) for own in alike))
+        return cls(np.empty((size, 0)), tuple((np.empty((*own.slope.shape, 0), SINGLE),) for own in alike))
 
     def of_model(
         self, alike: Sequence[AlikeBlocks], blocks: Sequence[Block], linear: LinearModel
@@ -78,7 +80,7 @@ class KnownProducts:
             return self
         new = np.linalg.qr(self._beyond(along[:, sizes > BEYOND]))[0]  # what was little is to be orthogonal, too
         made = products_of(alike, blocks, Vectors(new), SINGLE)
-        joined = tuple(np.concatenate(pair, axis=2) for pair in zip(self.products, made, strict=True))
+        joined = tuple(_with_part(parts, part) for parts, part in zip(self.products, made, strict=True))
         return KnownProducts(np.hstack([self.directions, new]), joined, self.effects)
 
     def _beyond(self, vectors: Array) -> Array:
@@ -106,6 +108,26 @@ class KnownProducts:
         if failed or np.diag(triangle).min(initial=1.0) < APART:
             return None
         return np.asarray(dtrsm(1.0, triangle, columns.T, side=1, lower=1, trans_a=1))
+
+
+def combined(parts: Sequence[Columns], rows: slice, weights: Columns) -> Columns:
+    """The products (m, k, r) of some `rows` of blocks with combinations (q, r) of the directions."""
+    first, total = 0, np.zeros((), SINGLE)
+    for part in parts:
+        some = part[rows]
+        count, width, own = some.shape
+        made = some.reshape(count * width, own) @ weights[first : first + own]
+        total = total + made.reshape(count, width, weights.shape[1])
+        first += own
+    return total
+
+
+def _with_part(parts: tuple[Columns, ...], more: Columns) -> tuple[Columns, ...]:
+    """The parts and one more, joined to the last one as long as that is small."""
+    *others, last = parts
+    if last.shape[2] and last.shape[2] + more.shape[2] > PART:
+        return (*parts, more)
+    return (*others, np.concatenate([last, more], axis=2))
 
 
 def begun_with(kept: Latest, lineage: Lineage | None) -> tuple[list[Array], int] | None:
