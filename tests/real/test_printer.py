@@ -14,9 +14,9 @@ from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.diagnosed import Diagnosed
 from tests.helpers.nightly import first_of
 
-# held out: 13.4 or 14.2, as the processor rounds (9.4 without the first thirty rows, before which no other rows show how
-# it warms; 8.6 where these are called outliers, which a recording's beginning is not) and 2.5, 6.4 where a finding named
-# again lost all refinements
+# held out: 13.4 or 14.2, as the processor rounds (9.4 without the first thirty rows, before which no other rows show
+# how it warms; 8.6 where these are called outliers, which a recording's beginning is not) and 2.5, 6.4 where a finding
+# named again lost all refinements
 LARGEST_UM = {"a": 15.0, "b": 3.0}
 
 
