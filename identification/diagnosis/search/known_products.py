@@ -112,12 +112,13 @@ class KnownProducts:
 
 def combined(parts: Sequence[Columns], rows: slice, weights: Columns) -> Columns:
     """The products (m, k, r) of some `rows` of blocks with combinations (q, r) of the directions."""
-    first, total = 0, np.zeros((), SINGLE)
+    count, width, _ = parts[0][rows].shape
+    total: Columns = np.zeros((count, width, weights.shape[1]), SINGLE)
+    first = 0
     for part in parts:
-        some = part[rows]
-        count, width, own = some.shape
-        made = some.reshape(count * width, own) @ weights[first : first + own]
-        total = total + made.reshape(count, width, weights.shape[1])
+        own = part.shape[2]
+        made = part[rows].reshape(count * width, own) @ weights[first : first + own]
+        total += made.reshape(total.shape)
         first += own
     return total
 

@@ -8,7 +8,7 @@ evidence is kept, and what the others have tells how likely another name is.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -28,9 +28,11 @@ from identification.diagnosis.search.refinement import apart, distinct
 from identification.diagnosis.search.scoring import Step, choose
 from identification.diagnosis.search.shape_fit import optimise_shapes
 from identification.diagnosis.search.whole_models import Whole
+from identification.runtime.memory import give_back
 from identification.runtime.parallel import parallel_map
 from identification.runtime.progress import Progress, silent
 
+LARGE = 10_000_000  # bytes of a model's basis from which searches run one after another, for each takes half a gigabyte
 MOST_ALTERNATIVES = 3  # of a finding, from which the search is repeated
 
 
@@ -94,12 +96,12 @@ def _best_of_searches(
     lowest = most - CLEARLY
     with progress("Comparing alternative models"):
         branches = [(model.start.branch(), candidates.branch()) for _ in begin]
-        found = parallel_map(
-            [
-                partial(_searched_from, start, tried, dict(looked or {}), lowest, steps, own)
-                for (start, tried), steps, own in zip(branches, begin, logs, strict=True)
-            ]
-        )
+        searches = [
+            partial(_searched_from, start, tried, dict(looked or {}), lowest, steps, own)
+            for (start, tried), steps, own in zip(branches, begin, logs, strict=True)
+        ]
+        large = model.linear.basis.nbytes > LARGE
+        found = _one_after_another(searches) if large else parallel_map(searches)
     for start, tried in branches:
         model.start.learn(start)
         candidates.learn(tried)
@@ -128,6 +130,15 @@ def _best_of_searches(
             best, most, chosen = other, value, own.search
     log.add("model-evidence", "kept", f"search {chosen}: {_effects(best)}")
     return best, models
+
+
+def _one_after_another(searches: Iterable[Callable[[], tuple[Step, ...]]]) -> list[tuple[Step, ...]]:
+    """What each finds, with the memory of those before given back to the system."""
+    found = []
+    for search in searches:
+        found.append(search())
+        give_back()
+    return found
 
 
 def _effects(model: EffectModel) -> str:
