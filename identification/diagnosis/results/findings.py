@@ -241,7 +241,7 @@ def preference(step: Step, alternative: Step) -> str:
         return "it would be likelier at some of the many places, or by some of the many drivers, that it may have"
     if alternative.evidence_of_form > step.evidence_of_form:
         return "it departs more from its textbook form"
-    return "noise that is correlated from row to row explains more of what it does"
+    return "beside all other findings it is likelier, which it was not when this name was chosen"
 
 
 def look_alikes(step: Step) -> list[Effect]:
