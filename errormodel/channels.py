@@ -28,7 +28,7 @@ import numpy as np
 
 from errormodel.approach import direction
 from errormodel.arrays import Array, Index
-from errormodel.exceptions import InputError, nearest
+from errormodel.exceptions import InputError, enumerated, nearest
 from errormodel.machine_rests import RESUMED_CHANNEL, resumed
 from errormodel.path_speed import RATE_CHANNEL, SPEED_CHANNEL, clock_speed, path_speed
 from errormodel.row_order import label_numbers, measured_order
@@ -256,7 +256,7 @@ def needed_by_effects(names: Sequence[str]) -> str:
     shown = [f"'{n}'{f' ({UNITS_OF_CHANNELS[n]})' if n in UNITS_OF_CHANNELS else ''}" for n in names]
     if len(shown) == 1:
         return f"no column {shown[0]}, which an effect of this machine needs"
-    return f"no columns {', '.join(shown[:-1])} and {shown[-1]}, which effects of this machine need"
+    return f"no columns {enumerated(shown)}, which effects of this machine need"
 
 
 def _found(table: pd.DataFrame) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 class ErrorModelError(Exception):
@@ -47,6 +47,11 @@ class EffectError(InputError):
     def __init__(self, where: str, found: str, cure: str, key: str = "effect") -> None:
         super().__init__(where, found, cure)
         self.key = key
+
+
+def enumerated(names: Sequence[str], word: str = "and") -> str:
+    """Several names as one says them: ``X, Y and Z``; nothing of none."""
+    return f" {word} ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def nearest(name: str, valid: Iterable[str], most: int | None = None) -> str:

@@ -11,7 +11,7 @@ from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
 from errormodel.conventions import MOTIONS, Motion, iso_symbol, motion_of_iso
-from errormodel.exceptions import nearest
+from errormodel.exceptions import enumerated, nearest
 from errormodel.machine import Basis, Joint, Shape
 from errormodel.yamlfile import Document, Keys, shown
 
@@ -43,7 +43,7 @@ def _words() -> list[str]:
 def _cure() -> str:
     """What to write: every model as in an example."""
     forms = [f"{{{word}: {m.example}}}" if m.counts else word for word, m in _models().items()]
-    return f"Write none, {', '.join(forms[:-1])} or {forms[-1]}"
+    return f"Write {enumerated(['none', *forms], 'or')}"
 
 
 def read_shapes(document: Document, keys: Keys, shapes: Sequence[Shape]) -> dict[str, tuple[Motion, ...]]:

@@ -17,7 +17,7 @@ from typing import ClassVar
 from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS
 from errormodel.discovery import by_word, classes
-from errormodel.exceptions import InputError, nearest
+from errormodel.exceptions import InputError, enumerated, nearest
 from errormodel.machine import Basis, Joint, Machine, Shape, Vector
 from errormodel.raw_formats.base import RawFile, open_raw, unreadable
 
@@ -194,8 +194,7 @@ def described(raw: RawFile, name: str, part: Part) -> Description:
 
 
 def _titles() -> str:
-    titles = [f"{kind.title} (--format {kind.name})" for kind in registry().values()]
-    return f"{', '.join(titles[:-1])} or {titles[-1]}"
+    return enumerated([f"{kind.title} (--format {kind.name})" for kind in registry().values()], "or")
 
 
 def identifiers(names: Collection[str], taken: Collection[str] = (), suffix: str = "_link") -> dict[str, str]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from errormodel.conventions import MOTIONS
-from errormodel.exceptions import InputError, nearest
+from errormodel.exceptions import InputError, enumerated, nearest
 from errormodel.formats.base import Table
 from errormodel.machine import Joint, Machine
 from errormodel.units import INTERNAL_UNITS, UNIT_EXAMPLES, Quantity, is_unit
@@ -235,12 +235,14 @@ def missing_joints(
     free = list(unused)
     near = {joint: name for joint in joints if (name := _nearest_name(joint, free))}
     many = len(joints) > 1
-    found = f"no column{'s' * many} for the joint{'s' * many} {_and([repr(j) for j in joints])}"
+    found = f"no column{'s' * many} for the joint{'s' * many} {enumerated([repr(j) for j in joints])}"
     if near:
-        found += f"; the nearest {'are' if len(near) > 1 else 'is'} {_and([repr(name) for name in near.values()])}"
+        found += (
+            f"; the nearest {'are' if len(near) > 1 else 'is'} {enumerated([repr(name) for name in near.values()])}"
+        )
     first = next(iter(near), joints[0])
     example = near.get(first, "the name in your file")
-    cure = f"Name the column{'s' * many} {_and([repr(j) for j in joints])}, or write columns: "
+    cure = f"Name the column{'s' * many} {enumerated([repr(j) for j in joints])}, or write columns: "
     cure += f'{{{first}: "{example}"}} in a survey.yaml'
     listed = ", ".join(n for n in table.columns if n)
     error = MissingJointsError(f"{table.name}, header", found, f"{cure}. Found: {listed}")
@@ -251,10 +253,6 @@ def missing_joints(
 def _nearest_name(joint: str, unused: Sequence[str]) -> str:
     near = next((name for name in unused if name.lower() == joint.lower()), "")
     return near or next(iter(difflib.get_close_matches(joint, unused, n=1, cutoff=0.5)), "")
-
-
-def _and(names: Sequence[str]) -> str:
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def _all_or_none(where: str, ours: Mapping[str, str], names: tuple[str, ...]) -> None:

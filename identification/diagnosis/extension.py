@@ -183,23 +183,23 @@ def that_predicts(
             model = of_groups(model.start, [[s for s in g if s not in further] for g in model.findings])
         elif large:
             return model, final, {(s.effect.effect, s.effect.where) for s in large}
-        elif error(final) <= NO_WORSE * error(fit):
+        elif _error(final) <= NO_WORSE * _error(fit):
             shorter, fewer = _with_fewer_refinements(model, final, extended)
             if shorter is model:
                 return model, with_form(final, model, first), set()
             gone = next(s for s in model.steps if s.effect.key not in {t.effect.key for t in shorter.steps})
-            log.add("prediction-made-worse", "removed", gone.effect, ratio(error(final), error(fewer)), NO_WORSE)
+            log.add("prediction-made-worse", "removed", gone.effect, ratio(_error(final), _error(fewer)), NO_WORSE)
             model, final = shorter, fewer
-            continue
+            continue  # it is fitted
         else:
             out = min((g[0] for g in model.findings), key=lambda s: s.evidence)
-            log.add("prediction-made-worse", "removed", out.effect, ratio(error(final), error(fit)), NO_WORSE)
+            log.add("prediction-made-worse", "removed", out.effect, ratio(_error(final), _error(fit)), NO_WORSE)
             model = of_groups(model.start, [g for g in model.findings if g[0] is not out])
         final = extended(model)
     return model, final, set()
 
 
-def error(fit: Fit) -> float:
+def _error(fit: Fit) -> float:
     """Root mean square error of rows left out, um."""
     return spread(fit, heldout=True).rms_um or 0.0
 
@@ -212,15 +212,15 @@ def _with_fewer_refinements(
     Lags of one sensor that nearly cancel fit all rows, and miss those of another time by far. Of the error's variance
     much must be beyond that of the residuals.
     """
-    if error(final) ** 2 < WORTH_A_TRIAL * (spread(final).rms_um or 0.0) ** 2:
+    if _error(final) ** 2 < WORTH_A_TRIAL * (spread(final).rms_um or 0.0) ** 2:
         return model, final
-    best, least = (model, final), error(final) / NO_WORSE
+    best, least = (model, final), _error(final) / NO_WORSE
     for number, group in enumerate(model.findings):
         for kept in range(1, len(group)):
             shorter = of_groups(model.start, [g[:kept] if k == number else g for k, g in enumerate(model.findings)])
             fewer = extended(shorter)
-            if error(fewer) < least:
-                best, least = (shorter, fewer), error(fewer)
+            if _error(fewer) < least:
+                best, least = (shorter, fewer), _error(fewer)
     return best
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.effects.axis_blunder import DIAMETER, AxisBlunder, Table
+from errormodel.exceptions import enumerated
 from errormodel.machine import Joint, Machine
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS
@@ -106,7 +107,7 @@ def _text(changes: Changes, machine: Machine, fixed: bool) -> str:
         )
     names = [c.column for c in changes]
     if more and not any(c.swap or c.offset or c.factor != first.factor for c in changes):
-        same = first.model_copy(update={"column": f"{', '.join(names[:-1])} and {names[-1]}"})
+        same = first.model_copy(update={"column": enumerated(names)})
         return same.text(machine).replace("column ", "each of columns ", 1)
     return " and ".join(c.text(machine) for c in changes)
 

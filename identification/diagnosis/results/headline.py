@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from errormodel.exceptions import enumerated
 from identification.diagnosis.results.findings import Diagnosis, Finding
 from identification.diagnosis.results.statements import SURE
 from identification.diagnosis.results.verdict import AT_ONE_POSE, NOT_JUDGED
@@ -26,7 +27,7 @@ def headline(diagnosis: Diagnosis) -> str:
     names = [_named(f) for f in diagnosis.findings]
     if len(names) > MOST + 1:
         names[MOST:] = [f"{len(names) - MOST} more"]
-    found = " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part) if names else "Nothing was found"
+    found = enumerated(names) or "Nothing was found"
     undecided = any(f.undecided for f in diagnosis.findings)
     few = NOT_JUDGED in (diagnosis.unexplained or "")
     text = UNDECIDED if undecided else FEW if few else VERDICTS[diagnosis.verdict]

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from errormodel.effects.base import SENSORS, Effect
+from errormodel.exceptions import enumerated
 from identification.diagnosis.results.findings import Alternative
 from identification.diagnosis.search.other_lags import OtherLag, sensors_of
 
@@ -32,7 +33,7 @@ def sentence_of(effect: Effect, probability: Probabilities) -> str:
         return ""
     said = " or ".join(f"{' less '.join(sensors)} (probability {p:.2f})" for sensors, p in likely.items())
     names = list(dict.fromkeys(n for sensors in (sensors_of(effect), *likely) for n in sensors))
-    return f"It may as well follow {said}: record while {', '.join(names[:-1])} and {names[-1]} change differently."
+    return f"It may as well follow {said}: record while {enumerated(names)} change differently."
 
 
 def by_other_sensors(effect: Effect, motions: Sequence[str], probability: Probabilities) -> list[Alternative]:

@@ -10,6 +10,7 @@ from errormodel.conventions import FRAME, INSTRUMENT, TOOL, Motion, iso_symbol, 
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.effects.unnamed import Unnamed
+from errormodel.exceptions import enumerated
 from errormodel.machine import Joint, Machine
 from identification.diagnosis.data_checks.blunder import length
 from identification.diagnosis.results.driver_words import causes, channel, duration
@@ -71,8 +72,7 @@ def brief_of(whole: Whole, machine: Machine) -> str:
 
 def alike_of(places: Sequence[tuple[str, Motion]], machine: Machine) -> str:
     """That other motions do the same to the tip, as a sentence; empty where there are none."""
-    *others, last = ["", *(spoken(place, machine) for place in places)]
-    said = " or ".join(part for part in (", ".join(others[1:]), last) if part)
+    said = enumerated([spoken(place, machine) for place in places], "or")
     return f"At the tip {said} would be the same: these data do not tell them apart." if said else ""
 
 
