@@ -22,6 +22,7 @@ from errormodel.machine import Machine, Shape, Vector
 # standard deviation in rad by polynomial degree; degrees 2 and 3 because feet and floor stiffen under load
 TILT_SIZES_RAD = {1: 3e-5, 2: 1e-5, 3: 1e-5}
 MOMENT_RAD_MM = 1e-7  # the same a mm of a weight's lever: 50 N on 5e8 N mm/rad
+UPRIGHT_Z = 2.2  # log odds that z is upright: nine machines of ten
 UPRIGHT: Mapping[str, Vector] = {"-x": (1.0, 0.0, 0.0), "-y": (0.0, 1.0, 0.0), "-z": (0.0, 0.0, 1.0)}
 
 
@@ -58,6 +59,11 @@ class GroundCompliance(Effect):
     @property
     def drivers(self) -> tuple[str, ...]:
         return (self.joint, self.by) if self.by else (self.joint,)
+
+    def cost(self, scene: Scene) -> float:
+        """Natural logarithm of the prior odds against it: what travels up and down changes no moment on the ground."""
+        own = (j for j in scene.prismatic if j.name in self.drivers)
+        return UPRIGHT_Z if any(parallel(j.axis, UPRIGHT["-z"]) for j in own) else 0.0
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         if any(j.name == self.joint and j.type == "rotary" for j in machine.joints):

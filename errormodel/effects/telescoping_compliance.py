@@ -20,6 +20,7 @@ from errormodel.effects.travel import (
     End,
     extension,
     length,
+    member_of,
     parallel,
     retracted_end,
     sag_direction,
@@ -71,7 +72,7 @@ class TelescopingCompliance(JointEffect):
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for joint in scene.prismatic:
             others = [j.name for j in scene.prismatic if j is not joint and parallel(j.axis, joint.axis)]
-            if not others:  # a member that slides in no other one is a ram
+            if not others and member_of(scene.machine, joint) == "slide":  # whose guide carries all of it everywhere
                 continue
             loads = [None, *others]
             for motion, end, ratio, load in product(across(joint, "e"), TRAVEL_ENDS, (1.1, 1.3, 1.8), loads):

@@ -37,7 +37,7 @@ from identification.diagnosis.search.model_comparison import compare_alternative
 from identification.diagnosis.search.proposals import enough_rows, proposed
 from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.search.taken_over import Searched
-from identification.diagnosis.search.whole_models import Whole, weighed_as_whole
+from identification.diagnosis.search.whole_models import Whole, weighed_as_whole, with_likelier_names
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
 from identification.runtime.memory import give_back
@@ -123,7 +123,8 @@ def explained(
         log.again()  # it was what was found
         return explained(plain, given, changes, progress, log, impossible, isotropic=True)
     del candidates, selected  # hundreds of megabytes that the fit of all rows needs
-    model = with_names_again(weighed_as_whole(in_correlated_noise(chosen, log), models, log), log)
+    weighed = weighed_as_whole(in_correlated_noise(chosen, log), models, log)
+    model = with_names_again(with_likelier_names(weighed, log), log)
     model, witnessed = apply_witnesses(model, log)
     del models
     model, wanders = without_wanderers(model, log)

@@ -69,6 +69,7 @@ LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
         ("identification.diagnosis.extension", "LARGEST", FOREVER),
     ),
     "name-again": (("identification.diagnosis.extension", "with_names_again", _same),),
+    "whole-model": (("identification.diagnosis.extension", "with_likelier_names", _same),),
 }
 
 

@@ -14,6 +14,7 @@ from errormodel.effects.unnamed import Unnamed, switch
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.diagnosis.decisions.constants import LEAST_EVIDENCE
+from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.pipeline import diagnose
@@ -24,9 +25,9 @@ from identification.diagnosis.search.forward_selection import forward_select, re
 from identification.diagnosis.search.model import EffectModel, replayed
 from identification.diagnosis.search.model_comparison import compare_alternatives, empirical_evidence
 from identification.diagnosis.search.refinement import refined
-from identification.diagnosis.search.scoring import DECIMALS, Step, posterior
+from identification.diagnosis.search.scoring import DECIMALS, DETECT, Step, posterior
 from identification.diagnosis.search.shape_fit import optimise_shapes, scored
-from identification.diagnosis.search.whole_models import Whole, weighed_as_whole
+from identification.diagnosis.search.whole_models import Whole, weighed_as_whole, with_likelier_names
 from identification.estimation.fit import fit_machine
 from tests.helpers.diagnosed import empty_survey, showing
 from tests.helpers.nightly import first_of
@@ -199,6 +200,42 @@ def test_another_name_is_as_likely_as_a_whole_model_with_it() -> None:
         weighed = weighed_as_whole(model, [*map(Whole.of, found)])
         assert lead(weighed) == pytest.approx(whole.log_posterior - model.log_posterior, abs=1e-3)
     assert lead(weighed_as_whole(model, [])) < -LEAST_EVIDENCE
+
+
+def test_the_name_that_makes_the_whole_model_likelier_is_taken() -> None:
+    """Play that grows along the travel, called equal play first; a curve of the joint, which fits anything, is not."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=False, grid=False)
+    specs = [EffectSpec(name, {"joint": "X"}) for name in ("lost-motion", "backlash")]
+    specs.append(EffectSpec("cross-axis-compliance", {"joint": "X", "other": "Y", "motion": "dx"}))
+    linear = set_up(fit_machine(machine, showing(survey, machine, [(specs[0], [0.01, 0.03])], 0.003)))
+    grows, equal, curve = (Step(make(s), 0.0, 0.0, 0.0, names=40, places=3) for s in specs)
+    log = DecisionLog()
+    told = with_likelier_names(replayed(linear, [replace(equal, alternatives=(curve, replace(grows, evidence=50.0)))]), log)
+    [main] = told.steps
+    assert (main.effect, [s.effect for s in main.alternatives]) == (grows.effect, [equal.effect, curve.effect])
+    assert [(d.rule, d.outcome, d.effect) for d in log] == [("whole-model", "preferred", "lost-motion")]
+    for other in (replace(curve, evidence=50.0), replace(grows, evidence=-1.0)):  # flexible, or less likely by itself
+        same = replayed(linear, [replace(equal, alternatives=(other,))])
+        assert with_likelier_names(same) is same
+
+
+def test_a_further_finding_is_detected_beyond_the_trials_factor() -> None:
+    """Play of 2.5 um makes a model likelier by odds of 500, which is less than places to look at; of 3.2 um by far more."""
+    machine = read_machine("bridge_cmm")
+    survey = empty_survey(machine, 400, 11, channels=True, grid=False)
+    drift = EffectSpec("structure-drift", {"element": "carriage", "motion": "dx", "sensor": "T_0"})
+    play = EffectSpec("backlash", {"joint": "X"})
+    found = []
+    for size in (0.0025, 0.0032):
+        linear = set_up(fit_machine(machine, showing(survey, machine, [(drift, [0.02]), (play, [size])], 0.003)))
+        candidates = Candidates.of(linear)
+        steps = [Step(make(s), 0.0, 0.0, 0.0, names=40, places=5) for s in (drift, play)]
+        alone, both = conditional_scores(replayed(linear, steps[:1]), candidates), replayed(linear, steps)
+        assert both.log_posterior > alone.log_posterior + DETECT
+        chosen, _ = compare_alternatives(alone, candidates, others=[list(both.steps)])
+        found.append(len(chosen.findings))
+    assert found == [1, 2]
 
 
 def mistaken_model(linear: LinearModel, joint: str) -> tuple[EffectModel, Candidates]:

@@ -42,3 +42,12 @@ def test_an_arm_has_it_by_the_joint_that_lifts_its_weight() -> None:
     assert (ARM.joints[0].name, "-z") not in found
     still = replace(ARM, elements=ARM.elements[:1])
     assert not list(GroundCompliance.proposals(Scene(still, {ARM.joints[0].name: np.zeros(9)})))
+
+
+def test_what_travels_up_and_down_tilts_no_ground() -> None:
+    """The moment of a weight on the feet is that of its place across the upright, in most machines z."""
+    mill = read_machine("vertical_three_axis")
+    scene = Scene(mill, {j.name: np.linspace(*j.travel, 9) for j in mill.joints})
+    level, upright = (GroundCompliance(joint=name) for name in ("X", "Z"))
+    assert level.cost(scene) == GroundCompliance(joint="X", by="Y").cost(scene) == 0.0
+    assert upright.cost(scene) == GroundCompliance(joint="X", by="Z").cost(scene) > 2.0

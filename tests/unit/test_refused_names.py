@@ -6,15 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from errormodel.arrays import Array
+from errormodel.effects import make
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.results import nameless_alternative
 from identification.diagnosis.results.findings import Finding, HeldOut
-from identification.diagnosis.results.nameless_alternative import checked_alternative
+from identification.diagnosis.results.nameless_alternative import checked_alternative, refusal
 from identification.diagnosis.results.recorded_functions import in_one_motion, recorded
 from identification.diagnosis.search.model import of_groups
 from identification.diagnosis.search.scoring import Step
@@ -55,6 +57,22 @@ def test_a_name_stands_where_no_function_explains_as_much(cause: object, named: 
     if not named:
         assert "a function without a name explains as much (dy of " in found.statement
         assert SAID.statement in found.statement
+
+
+@pytest.mark.parametrize("kept", [0.8, 0.95])
+def test_noise_that_is_correlated_from_row_to_row_takes_no_name(kept: float) -> None:
+    """It follows the clock, which explains more of the rows than a servo lag does, and nothing of the lag."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 7, channels=True, grid=False)
+    spec = EffectSpec("servo-lag", {"joint": "X"})
+    shown = showing(survey, machine, [(spec, [4e-5])], 0.003)
+    rng, steps = np.random.default_rng(2), np.sqrt(1 - kept**2) * 0.008
+    slow = lfilter([steps], [1, -kept], rng.normal(size=(3, len(survey))))
+    moved = shown.table.assign(**{c: shown.table[c] + d for c, d in zip(("mx", "my", "mz"), slow, strict=True)})
+    linear = set_up(fit_machine(machine, replace(shown, table=moved)))
+    model, log = of_groups(linear, [[Step(make(spec), 100.0, 200.0, 0.0)]]), DecisionLog()
+    assert refusal(model, model.findings[0], recorded(linear, np.unique(linear.index)), log) is None
+    assert [(d.rule, d.outcome) for d in log] == [("nameless-alternative", "kept")]
 
 
 def test_a_second_lag_is_of_the_name() -> None:

@@ -36,6 +36,16 @@ def test_a_ram_carries_out_the_tool_and_a_slide_travels_along_a_beam(name: str, 
         assert list(dict.fromkeys(e.where for e in registry()[word].proposals(here))) == places
 
 
+@pytest.mark.parametrize(
+    ("name", "where"), [("bridge_cmm", ["Z"]), ("five_axis_table_quill", ["Z", "W"]), ("vertical_three_axis", [])]
+)
+def test_a_ram_telescopes_and_a_slide_only_along_another(name: str, where: list[str]) -> None:
+    """A ram leaves its guide as it extends, as does what slides along a further joint; a lathe's slide does not."""
+    machine = read_machine(name)
+    here = Scene(machine, {j.name: np.linspace(*j.travel, 9) for j in machine.joints})
+    assert list(dict.fromkeys(e.where for e in registry()["telescoping-compliance"].proposals(here))) == where
+
+
 def test_without_lengths_a_member_may_be_a_ram_or_a_slide() -> None:
     machine = read_machine("five_axis_table_quill")
     bare = tuple(replace(e, offset=(0.0, 0.0, 0.0)) if isinstance(e, Shape) else e for e in machine.elements)

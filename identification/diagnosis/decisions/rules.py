@@ -253,12 +253,12 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _decided("LITTLE", "LEAST_EVIDENCE", "MUCH"),
         ),
         "search-from": Rule(COMPARISON, "", "An effect that a repeated search begins with."),
-        "whole-model": Rule(COMPARISON, "log evidence", "Another name is as likely as a whole model that has it."),
+        "whole-model": Rule(COMPARISON, "log evidence", "Of other names that is taken which makes the model likelier."),
         "model-evidence": Rule(
             COMPARISON, "log evidence",
-            "Another model is kept if its evidence and prior are more, a near-tie if it rests less on empirical terms; "
-            "none is in which findings hide each other.",
-            _decided("CLEARLY"),
+            "Another model is kept if its evidence and prior are more (with a further finding, by what detects one), a "
+            "near-tie if it rests less on empirical terms; none is in which findings hide each other.",
+            _decided("CLEARLY", "DECISIVE_ODDS"),
         ),
         "model-cross-validation": Rule(COMPARISON, ERRORS, "It must predict rows no worse.", _decided("NO_WORSE")),
         "prediction-made-worse": Rule(

@@ -93,9 +93,12 @@ def refusal(model: EffectModel, group: Sequence[Step], functions: Sequence[Funct
     if NAME_ODDS < instead - evidence < CLEARLY and best is not None and _of_its_form(without, main, best):
         # any other form of the same motion by the same channels is as unlikely as an empirical term
         instead, _, best = best_of(without, [f for f in functions if not _of_its_form(without, main, f)])
-    if single > instead:
-        instead, best = single, motion
     lead = evidence - instead + NAME_ODDS
+    if lead <= 0 and best is not None:  # noise that is correlated from row to row follows the clock, and is no function
+        [(_, in_noise)] = coloured.evidence(without, [effects])
+        lead = max(lead, in_noise - evidence_in_any_noise(without, best) + NAME_ODDS)
+    if (lead_of_motion := evidence - single + NAME_ODDS) < lead:
+        lead, best = lead_of_motion, motion
     log.add("nameless-alternative", "kept" if lead > 0 else "refused", main, lead, 0.0, beside=_words(best))
     return None if lead > 0 else f"a function without a name explains as much ({_words(best)})"
 

@@ -25,7 +25,7 @@ from identification.diagnosis.search.criteria import heldout_rms, one_sensor
 from identification.diagnosis.search.forward_selection import MOST_STEPS, forward_select
 from identification.diagnosis.search.model import EffectModel, replayed, steps_of
 from identification.diagnosis.search.refinement import apart, distinct
-from identification.diagnosis.search.scoring import Step, choose
+from identification.diagnosis.search.scoring import DETECT, Step, choose
 from identification.diagnosis.search.shape_fit import optimise_shapes
 from identification.diagnosis.search.whole_models import Whole
 from identification.runtime.memory import give_back
@@ -114,7 +114,12 @@ def _best_of_searches(
         value = other.log_posterior
         # near-ties go to the model that rests half as much on empirical terms, or else to the likelier of named ones
         forms, before = empirical_evidence(other), empirical_evidence(best)
-        least = most + (CLEARLY if forms > 0 else 0.0) if 2 * forms + CLEARLY > before else most - CLEARLY
+        if 2 * forms + CLEARLY <= before:
+            least = most - CLEARLY
+        elif len(other.findings) > len(best.findings):  # a further one is detected as in a search
+            least = most + DETECT + float(np.log(len(candidates.of_key)))
+        else:
+            least = most + (CLEARLY if forms > 0 else 0.0)
         least = max(least, lowest)
         # two findings of one motion by one cause may hide each other: together they are no explanation
         shown = all(np.isfinite(main.evidence) for main, *_ in other.findings)

@@ -2,7 +2,7 @@
 
 A name that departs from its textbook form is scored by what such a departure could explain. What it does explain, a
 search shows that begins with the name; or, where no search did or the name was given up in it, the model with it in the
-finding's place.
+finding's place. A name that makes the whole model likelier takes the finding's place.
 """
 
 from __future__ import annotations
@@ -51,6 +51,30 @@ def weighed_as_whole(model: EffectModel, found: Sequence[Whole], log: DecisionLo
         weighed.sort(key=lambda s: -s.evidence)
         groups[k] = [replace(main, alternatives=tuple(weighed)), *more]
     return of_groups(model.start, groups)
+
+
+def with_likelier_names(model: EffectModel, log: DecisionLog = UNRECORDED) -> EffectModel:
+    """The model with another name in the place of each that makes the whole model less likely.
+
+    No flexible one: a curve makes up for what a name's textbook form lacks, and this the posterior of names leaves out.
+
+    Parameters
+    ----------
+    model : with its alternatives weighed by whole models (`weighed_as_whole`).
+    """
+    for k in range(len(model.findings)):
+        main, *more = model.findings[k]
+        able = [s for s in main.alternatives if not (s.effect.empirical or s.effect.flexible)]
+        leads = [(_replaced(model, k, s), s) for s in able if posterior(s) > posterior(main)]
+        lead, other = max(leads, key=lambda own: own[0], default=(0.0, main))
+        if main.effect.empirical or lead <= 0:
+            continue
+        log.add("whole-model", "preferred", other.effect, lead, 0.0, beside=main.effect)
+        others = sorted((s for s in (main, *main.alternatives) if s is not other), key=lambda s: -s.evidence)
+        groups = model.findings
+        groups[k] = [replace(other, alternatives=tuple(others), parent=None), *more]
+        model = of_groups(model.start, groups)
+    return model
 
 
 def _replaced(model: EffectModel, number: int, other: Step) -> float:
