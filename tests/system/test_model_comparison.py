@@ -211,7 +211,9 @@ def test_the_name_that_makes_the_whole_model_likelier_is_taken() -> None:
     linear = set_up(fit_machine(machine, showing(survey, machine, [(specs[0], [0.01, 0.03])], 0.003)))
     grows, equal, curve = (Step(make(s), 0.0, 0.0, 0.0, names=40, places=3) for s in specs)
     log = DecisionLog()
-    told = with_likelier_names(replayed(linear, [replace(equal, alternatives=(curve, replace(grows, evidence=50.0)))]), log)
+    told = with_likelier_names(
+        replayed(linear, [replace(equal, alternatives=(curve, replace(grows, evidence=50.0)))]), log
+    )
     [main] = told.steps
     assert (main.effect, [s.effect for s in main.alternatives]) == (grows.effect, [equal.effect, curve.effect])
     assert [(d.rule, d.outcome, d.effect) for d in log] == [("whole-model", "preferred", "lost-motion")]
@@ -221,7 +223,7 @@ def test_the_name_that_makes_the_whole_model_likelier_is_taken() -> None:
 
 
 def test_a_further_finding_is_detected_beyond_the_trials_factor() -> None:
-    """Play of 2.5 um makes a model likelier by odds of 500, which is less than places to look at; of 3.2 um by far more."""
+    """Play of 2.5 um makes a model likelier by odds of 500, fewer than there are places; of 3.2 um by far more."""
     machine = read_machine("bridge_cmm")
     survey = empty_survey(machine, 400, 11, channels=True, grid=False)
     drift = EffectSpec("structure-drift", {"element": "carriage", "motion": "dx", "sensor": "T_0"})
