@@ -114,10 +114,10 @@ def _best_of_searches(
         value = other.log_posterior
         # near-ties go to the model that rests half as much on empirical terms, or else to the likelier of named ones
         forms, before = empirical_evidence(other), empirical_evidence(best)
-        if 2 * forms + CLEARLY <= before:
+        if len(other.findings) > len(best.findings) and _unnamed(other) >= _unnamed(best):
+            least = most + DETECT + float(np.log(len(candidates.of_key)))  # a further one is detected as in a search
+        elif 2 * forms + CLEARLY <= before:
             least = most - CLEARLY
-        elif len(other.findings) > len(best.findings):  # a further one is detected as in a search
-            least = most + DETECT + float(np.log(len(candidates.of_key)))
         else:
             least = most + (CLEARLY if forms > 0 else 0.0)
         least = max(least, lowest)
@@ -167,6 +167,11 @@ def _searched_from(
     start.ended()
     candidates.ended()
     return steps
+
+
+def _unnamed(model: EffectModel) -> int:
+    """How many findings have no name."""
+    return sum(main.effect.empirical for main, *_ in model.findings)
 
 
 def empirical_evidence(model: EffectModel) -> float:
