@@ -15,6 +15,8 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import joint_as
 from errormodel.machine import Machine, Shape
 
+USUAL = 1e-6  # rad/mm of lever, of all weights together: 1 mrad at 1 m
+
 
 class JointCompliance(JointEffect):
     """Twist about the joint's axis per lever of weight (rad/mm), for the tool and for each member behind the joint.
@@ -45,13 +47,13 @@ class JointCompliance(JointEffect):
         names, weights = zip(*weights_behind(machine, joint, frames), strict=True)
         levers = [lever(axis, frames[number], weight, self.gravity) for weight in weights]
         out = [
-            EffectTerm(self.joint, name, "rad/mm", along(joint, arm), 1e-6, low=0.0)
+            EffectTerm(self.joint, name, "rad/mm", along(joint, arm), USUAL / len(levers), low=0.0)
             for name, arm in zip(names, levers, strict=True)
         ]
         behind = [e for e in machine.elements[number + 1 :] if isinstance(e, Shape)]
         reach = sum(hypot(*e.offset) for e in behind) + hypot(*machine.tool) or 1.0
         mean = sum(levers) / len(levers)
-        out.append(EffectTerm(self.joint, "hardening", "rad/mm", along(joint, mean * (mean / reach) ** 2), 1e-6))
+        out.append(EffectTerm(self.joint, "hardening", "rad/mm", along(joint, mean * (mean / reach) ** 2), USUAL))
         if self.payload:
             out.append(
                 EffectTerm(

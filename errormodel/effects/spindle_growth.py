@@ -20,8 +20,8 @@ from errormodel.machine import Machine, Shape
 
 ASIDE = 2.3  # log prior odds, 10 to 1, against a spindle that grows across its axis; by judgement
 PARTS = ("spindle", "spindel", "headstock", "quill")  # a sensor that is named after one measures the spindle
-# and so does one at a bearing of no other member
-BEARING = re.compile(r"t_?(front_|rear_)?(bearing|lager)(_front|_rear|_\d+)?")
+# and so does one at a bearing of no other member, or of the head
+BEARING = re.compile(r"t_?(front_|rear_|head_|kopf_?)?(bearing|lager)(_front|_rear|_\d+)?")
 # log prior odds against growth by a sensor whose name says that it is elsewhere, or not where: one of some five members
 ELSEWHERE, SOMEWHERE = 4.0, math.log(5.0)
 WORD = re.compile(r"[^\W\d_]{3}")  # fewer letters beside each other are a number's: T_1, T_ch03

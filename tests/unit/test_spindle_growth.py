@@ -61,6 +61,7 @@ def test_a_channel_that_does_not(name: str) -> None:
         ("T_spindle_nose", True),
         ("T_bearing", True),
         ("T_bearing_front", True),
+        ("T_head_bearing", True),
         ("T_Lager_2", True),
         ("T_table_bearing", False),
         ("T_bearing_X", False),
