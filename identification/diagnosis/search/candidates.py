@@ -18,9 +18,9 @@ from errormodel.arrays import Array, Mask
 from errormodel.effects.base import Effect
 from errormodel.effects.search_space.survey_summary import Scene
 from identification.diagnosis.decisions.constants import SIZES
-from identification.diagnosis.linear.known_models import Latest, Lineage
+from identification.diagnosis.linear.known_models import MOST_BYTES, Latest, Lineage
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.search.alike_blocks import AlikeBlocks, products_of
+from identification.diagnosis.search.alike_blocks import AlikeBlocks
 from identification.diagnosis.search.blocks import (
     COLUMNS,
     NOTHING,
@@ -32,8 +32,9 @@ from identification.diagnosis.search.blocks import (
     blocks_of,
     columns_of,
     gram_of,
+    products,
 )
-from identification.diagnosis.search.known_products import KnownProducts, begun_with, combined, keep_begun
+from identification.diagnosis.search.known_products import MOST_SHARE, KnownProducts, begun_with, combined, keep_begun
 from identification.diagnosis.search.marginal_likelihood import Scored, free_scores, random_scores
 from identification.diagnosis.search.proposals import proposed
 from identification.runtime.parallel import parallel_map
@@ -235,10 +236,14 @@ class Candidates:
         from the end of the geometry.
         """
         (size, _), rank = linear.plain or linear.basis.shape, self.blocks[0].rank
-        if sum(block.sizes.size for block in self.blocks) < linear.basis.shape[1]:  # few: nothing is worth keeping
-            both = np.column_stack([linear.basis[:size, rank + begun :], linear.residual[:size]])
-            for n, own in enumerate(products_of(self._alike, self.blocks, Vectors(both), float)):
-                yield n, slice(None), own.astype(float, copy=False)
+        # of few nothing is worth keeping; with many directions the products themselves are as quick, and take no memory
+        columns, further = sum(block.sizes.size for block in self.blocks), linear.basis.shape[1] - rank
+        if columns < linear.basis.shape[1] or further > min(MOST_SHARE * size, MOST_BYTES / (4 * columns)):
+            self._products.clear()
+            both = Vectors(np.column_stack([linear.basis[:size, rank + begun :], linear.residual[:size]]))
+            place = {k: (n, rows) for n, alike in enumerate(self._alike) for k, rows in alike.places.items()}
+            for k, own in enumerate(products(self.blocks, both)):
+                yield *place[k], own
             return
         before = self._products[0] if self._products else KnownProducts.of(self._alike, size)
         known, basis, residual = before.of_model(self._alike, self.blocks, linear)

@@ -32,7 +32,7 @@ from identification.runtime.memory import give_back
 from identification.runtime.parallel import parallel_map
 from identification.runtime.progress import Progress, silent
 
-LARGE = 10_000_000  # bytes of a model's basis from which searches run one after another, for each takes half a gigabyte
+LARGE = 4_000_000  # bytes of a model's basis from which searches run one after another, for each takes half a gigabyte
 MOST_ALTERNATIVES = 3  # of a finding, from which the search is repeated
 
 
