@@ -193,7 +193,7 @@ class Chain:
         """Ids of the six parameters of the tool: offset of the functional point, orientation of the target's mount."""
         return tuple(self.ids[self._tool_start : self._tool_start + 6])
 
-    @property
+    @cached_property
     def of_effects(self) -> frozenset[str]:
         """Ids of the parameters of the machine's effects, as opposed to those of its error motions."""
         return frozenset(i for ids in self.effect_ids for i in ids)
@@ -205,7 +205,7 @@ class Chain:
         pairs = zip(kinds, self.effect_ids, strict=True)
         return frozenset(i for kind, ids in pairs if not kind.traits().of_machine for i in ids)
 
-    @property
+    @cached_property
     def machine_ids(self) -> tuple[str, ...]:
         """Ids of the machine's own parameters: all but those of the measuring frame and the tool."""
         others = {*self.frame_ids, *self.tool_ids}

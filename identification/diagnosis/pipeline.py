@@ -192,8 +192,9 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         cause = _finding(g, model, final, found.before, first, found.witnessed.get(g[0].effect, []), log)
         causes.append(checked_alternative(cause, *earlier.get(g[0].effect.key, (model, g)), functions, log))
     nameless = [g[0].effect for g, cause in zip(model.findings, causes, strict=True) if cause.nameless]
-    final = known_where_recorded(final, model, first, nameless)
-    final = replace(final, others=other_effects(final, model, first))
+    # in the rows that are fitted both are the same, and what is beyond them takes several times as long
+    others = other_effects(final, model, first)
+    final = replace(known_where_recorded(final, model, first, nameless), others=others)
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))

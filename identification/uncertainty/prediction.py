@@ -5,14 +5,15 @@ Positions and errors are in mm in the measuring frame, error motions in mm and r
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Array, as_rows
+from errormodel.arrays import Array, Index, as_rows
+from errormodel.chain import Chain
 from errormodel.conventions import MOTIONS
 from errormodel.effects.axis_blunder import mended_words
 from errormodel.survey import Survey
@@ -106,7 +107,7 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
 
     def change(other: OtherEffect) -> Array:
         own = fit.with_effect(other)
-        return (_predict_rows(own, _channels(own, points), labels) - likeliest)[:, :3]
+        return _predict_rows(own, _channels(own, points), labels, _positions) - likeliest[:, :3]
 
     recorded = fit.data.get("temperatures", {})
     out = with_unknown_temperatures(
@@ -133,15 +134,22 @@ def _channels(fit: StoredFit, points: Survey) -> list[Array]:
     return after_last_row(fit.chain, channels)
 
 
-def _predict_rows(fit: StoredFit, channels: list[Array], labels: Array) -> Array:
-    """Predictions (n, 9) of rows with the frame labels `labels`."""
-    out = np.full((len(labels), 9), np.nan)
-    first = next(iter(fit.frames), None)
+def _predict_rows(
+    fit: StoredFit,
+    channels: list[Array],
+    labels: Array,
+    of_frame: Callable[[StoredFit, list[Array], str | None], Array] | None = None,
+) -> Array:
+    """Predictions (n, 9) of rows with the frame labels `labels`, or what else is predicted of those in a frame."""
+    first, parts = next(iter(fit.frames), None), list[tuple[Index, Array]]()
     for label in dict.fromkeys(labels):
         used = label if label in fit.frames else first
         index = np.flatnonzero(labels == label)
         for part in np.array_split(index, len(index) // PREDICTION_BLOCK_ROWS + 1):
-            out[part] = _predict_frame(fit, as_rows(*(c[part] for c in channels)), used)
+            parts.append((part, (of_frame or _predict_frame)(fit, as_rows(*(c[part] for c in channels)), used)))
+    out = np.full((len(labels), parts[0][1].shape[1] if parts else 9), np.nan)
+    for part, own in parts:
+        out[part] = own
     return out
 
 
@@ -224,11 +232,25 @@ def _unfitted(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     return (f"{what} {unknown[0]}{more} was not fitted: predicted in the frame of {what} {next(iter(fit.frames))}",)
 
 
+def _columns(chain: Chain, label: str | None) -> tuple[str, ...]:
+    """Names of a chain's parameters, where those of the frame are its own."""
+    return (*(frame_columns(chain, label) if label is not None else chain.frame_ids), *chain.ids[6:])
+
+
+def _positions(fit: StoredFit, rows: list[Array], label: str | None) -> Array:
+    """Predicted positions (n, 3) of rows in one measuring frame."""
+    if fit.free_reference:
+        return _predict_frame(fit, rows, label)[:, :3]
+    p = np.array([fit.values.get(c, 0.0) for c in _columns(fit.chain, label)])
+    actual = fit.chain.kernel("actual", outputs=(0, 1, 2))(rows, p).T
+    return np.asarray((fit.frames[label] if label is not None else IDENTITY).apply(actual))
+
+
 def _predict_frame(fit: StoredFit, rows: list[Array], label: str | None) -> Array:
     """Predictions (n, 9) of rows in one measuring frame: position, error, standard uncertainty."""
     chain = fit.chain
     pose: Pose = fit.frames[label] if label is not None else IDENTITY
-    columns = (*(frame_columns(chain, label) if label is not None else chain.frame_ids), *chain.ids[6:])
+    columns = _columns(chain, label)
     p = np.array([fit.values.get(c, 0.0) for c in columns])
     actual = chain.kernel("actual", outputs=(0, 1, 2))(rows, p).T
     nominal = chain.kernel("nominal", outputs=(0, 1, 2))(rows).T
