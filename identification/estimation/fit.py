@@ -26,6 +26,7 @@ from identification.estimation.motions import Motions, before_fit, motion_residu
 from identification.estimation.noise import Noise, correlated
 from identification.estimation.outliers import sort_rows
 from identification.estimation.readings import Readings, reading_residuals
+from identification.estimation.replaced_effect import refitted
 from identification.estimation.result import Fit, Spread, TestFile, residuals_of
 from identification.estimation.robust import first_judgement, settle
 from identification.estimation.scaled_equations import determined_step
@@ -98,6 +99,7 @@ def _fit(
         raise InputError(str(survey.source), "no file has role: fit", "Give at least one file the role fit")
     check_runs(chain, rows)
     problem = build(chain, rows)
+    problem = replace(problem, views=tuple(v.storing_design() for v in problem.views))
     judged = None
     if robust:
         check_redundant(rows, problem)
@@ -177,6 +179,9 @@ def parameters_of(machine: Machine, fit: Fit, effect_sizes: float | None = None)
     with one_blas_thread():
         chain = Chain(machine)
         problem = build(chain, fit.survey, mount=fit.problem.mount, poses=fit.problem.frames)
+        problem = replace(problem, views=tuple(v.storing_design() for v in problem.views))
+        if (found := refitted(chain, problem, fit, effect_sizes)) is not None:
+            return found
         own = solve(chain, problem.views, problem.unknowns, declared=problem.declared, effect_sizes=effect_sizes)
     return own.named()
 

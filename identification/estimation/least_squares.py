@@ -42,6 +42,7 @@ WELL_CONDITIONED = 1e5  # the same, up to which they give a residual to six digi
 MOST_PASSES = 30  # streams through the data
 MOST_RETREATS = 6  # restarts with a tighter prior after divergence
 IMPLAUSIBLE_SHARE = 0.003  # of the machine's size: no machine has rigid error motions beyond it; by judgement
+HELD_ENTRIES = 4_000_000  # of M, dense: limits the memory
 LINEAR_SHARE = 0.1  # movement of the tip over the machine's size up to which M hardly changes; by judgement
 
 
@@ -184,7 +185,7 @@ class Solver:
             groups = find_groups(*seen, least=least)
         # of nearly dependent columns normal equations give no residual: the noise would come out as nothing
         sound = groups if groups.condition < WELL_CONDITIONED else find_groups(*seen, least=1 / WELL_CONDITIONED)
-        self.update_noise(start, sound)
+        self.update_noise(start, sound.base)
         floors = self.floors(start)
         beforehand, whole, within = self.precision, self.of_its_size(seen[2]), np.inf
         for _ in range(MOST_RETREATS):
@@ -192,8 +193,8 @@ class Solver:
                 groups = find_groups(*seen, floors, least)
             # a factor is of the linear model; steps of normal equations that lost digits come again until none is left
             bad = groups.condition > 1 / DEPENDENCE_TOLERANCE and not self.of_tool
-            solve = self.by_factor if bad else self.iterate
-            values, sums, passes, converged = solve(groups, start)
+            found = self.by_factor(groups, start) if bad else self.iterate(groups.base, start)
+            values, sums, passes, converged = found
             reach = (np.sqrt(whole) * np.abs(values)).max(initial=0.0)  # of error motions at the tip
             if (
                 converged
@@ -205,8 +206,8 @@ class Solver:
             # physical size, which is tightened at each restart
             within = min(0.3 * within, IMPLAUSIBLE_SHARE)
             self.precision = beforehand + whole / within**2
-            self.taken = np.zeros(len(self.unknowns))
-            self.update_noise(start, groups)
+            self.taken, self.at = np.zeros(len(self.unknowns)), None
+            self.update_noise(start, groups.base)
         else:
             converged = False
         base = groups.base
@@ -297,12 +298,12 @@ class Solver:
         )
         return float(1e-13 * self.chain.size * np.sqrt(self.each * weight))
 
-    def iterate(self, groups: Groups, sums: dict[Kind, Sums]) -> tuple[Array, dict[Kind, Sums], int, bool]:
-        base, pick = groups.base, np.ix_(groups.base, groups.base)
-        values, self.at = np.zeros(len(self.unknowns)), None
+    def iterate(self, base: Index, sums: dict[Kind, Sums]) -> tuple[Array, dict[Kind, Sums], int, bool]:
+        """Steps of the normal equations from the values of the last pass, of which the sums are."""
+        pick, values = np.ix_(base, base), self.taken
         first = last = 0.0
         for passes in range(1, MOST_PASSES + 1):
-            self.update_noise(sums, groups)
+            self.update_noise(sums, base)
             gram, slope = self.total(sums)
             if not np.isfinite(slope).all():
                 return values, sums, passes, False
@@ -337,7 +338,7 @@ class Solver:
         factor = self.triangle(base, prior, read=True)
         values[base] = np.linalg.solve(factor[: len(base), :-1], factor[: len(base), -1])
         sums = self.pass_(values, None, gram=True)
-        self.update_noise(sums, groups)
+        self.update_noise(sums, base)
         return values, sums, 1, True
 
     def triangle(self, base: Index, above: Array, *, read: bool = False) -> Array:
@@ -347,9 +348,9 @@ class Solver:
             if read:
                 vector = view_vector(view, self.place, np.zeros(len(self.unknowns)), self.held)
                 gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(vector)])
-            for start in range(0, len(view), KERNEL_BLOCK_ROWS):
-                part = slice(start, start + KERNEL_BLOCK_ROWS)
-                rows = design_rows(view.part(part), self.place, KERNEL_BLOCK_ROWS)[:, base]
+            size = max(RANK_SAMPLE_ROWS, min(KERNEL_BLOCK_ROWS, HELD_ENTRIES // (len(view.outputs) * len(base) + 1)))
+            for part in (slice(start, start + size) for start in range(0, len(view), size)):
+                rows = design_rows(view.part(part), self.place, size)[:, base]
                 rows = np.column_stack([rows, gap[:, part].ravel()]) if read else rows
                 rows /= self.sigma[view.kind]
                 factor = np.asarray(np.linalg.qr(np.vstack([factor, rows]), mode="r"))
@@ -369,13 +370,12 @@ class Solver:
         gram, slope = total(sums, self.sigma)
         return gram + np.diag(self.precision), slope - self.precision * self.taken
 
-    def update_noise(self, sums: dict[Kind, Sums], groups: Groups) -> None:
+    def update_noise(self, sums: dict[Kind, Sums], base: Index) -> None:
         """Estimate the noise level of each undeclared kind, from the predicted residuals after the next step."""
         open_kinds = [k for k in sums if k not in self.known]
         if not open_kinds:
             return
-        base, alone = groups.base, len(sums) == 1 and not self.precision.any()
-        pick = np.ix_(base, base)
+        alone, pick = len(sums) == 1 and not self.precision.any(), np.ix_(base, base)
         for _ in range(50 if len(sums) > 1 else 1):
             gram, slope = self.total(sums)
             step = scaled_solve(gram[pick], slope[base])

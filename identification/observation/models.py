@@ -21,6 +21,7 @@ from errormodel.channels import root
 from errormodel.kernel import KERNEL_BLOCK_ROWS, Kernel
 from errormodel.turned_design import turned_kernel
 from identification.observation.pose import IDENTITY, Pose
+from identification.observation.stored_design import MANY, StoredDesign
 
 # Kind of observation: position, orientation, displacement, angle, or the type of an entry of observations:. Each has a
 # noise level of its own, where none is declared
@@ -44,9 +45,12 @@ class View(ABC):
     outputs : observed components: 0 to 2 translation, 3 to 5 rotation about x, y, z.
     what : kernel of the chain that gives the design.
     of_tool : whether rows depend on the pose of the tool, and so on all elements; else on one joint alone.
+    constant_design : whether M at zero errors follows from the rows alone, and from no number of a set-up.
+    stored : M at zero errors of the rows that it names, where it is kept.
     """
 
     of_tool: ClassVar[bool] = True
+    constant_design: ClassVar[bool] = False
 
     kind: Kind
     chain: Chain
@@ -59,6 +63,7 @@ class View(ABC):
     fixed: Mapping[str, float] = field(default_factory=dict)
     outputs: tuple[int, ...] = (0, 1, 2)
     what: What = "design"
+    stored: StoredDesign | None = None
 
     def __len__(self) -> int:
         return len(self.index)
@@ -122,13 +127,22 @@ class View(ABC):
 
     def part(self, rows: Rows) -> Self:
         """The view with a subset of its rows."""
-        own = [c[rows] for c in self.rows]
-        return replace(
-            self,
-            rows=own if isinstance(rows, slice) else as_rows(*own),
-            whitener=self.whitener[rows],
-            index=self.index[rows],
-        )
+        parts = [c[rows] for c in self.rows]
+        own = parts if isinstance(rows, slice) else as_rows(*parts)
+        stored = None if self.known_design is None else self.known_design.part(rows, own)
+        return replace(self, rows=own, whitener=self.whitener[rows], index=self.index[rows], stored=stored)
+
+    def storing_design(self) -> Self:
+        """The view with its M at zero errors stored, where that has many columns and few entries that are not zero."""
+        if not self.constant_design or len(self.columns) < MANY or self.known_design is not None:
+            return self
+        kernel = self.design(linearised=False)
+        return replace(self, stored=StoredDesign.of(kernel, self.rows, self.at_zero, len(self.outputs)))
+
+    @property
+    def known_design(self) -> StoredDesign | None:
+        """M at zero errors of these rows, where it is kept."""
+        return self.stored if self.stored is not None and self.stored.rows is self.rows else None
 
     def design(self, linearised: bool) -> Kernel:
         """Kernel of M (outputs x ids, column by column) at zero errors, or at given parameters if `linearised`."""
@@ -180,6 +194,8 @@ def fixed_tool(chain: Chain, rows: Sequence[Array]) -> dict[str, float]:
 @dataclass(frozen=True, kw_only=True)
 class PositionView(View):
     """Positions of the functional point in a measuring frame of known pose; small frame parameters follow the pose."""
+
+    constant_design: ClassVar[bool] = True
 
     measured: Array  # (n, 3) mm in the measuring frame, 0 where not measured
     pose: Pose = IDENTITY
@@ -245,6 +261,8 @@ class GapView(View):
 @dataclass(frozen=True, kw_only=True)
 class OrientationView(View):
     """Orientations of a 6-D target: `mount` (3, 3) is the target in the last frame, `turned` (n, 3, 3) as measured."""
+
+    constant_design: ClassVar[bool] = True
 
     turned: Array
     pose: Pose = IDENTITY

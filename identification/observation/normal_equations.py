@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Index
 from identification.observation.models import GapView, Kind, View, anywhere
 from identification.observation.sums import Pass, Sums, expanded, selectors_of
 
@@ -31,6 +31,7 @@ def accumulate(
     gram: bool = True,
     taken: Array | None = None,
     lengths: bool = False,
+    products_of: Index | None = None,
 ) -> dict[Kind, Sums]:
     """Normal equations of each kind of observation.
 
@@ -51,6 +52,7 @@ def accumulate(
         Values whose contribution the gaps of `GapView`s no longer contain; afterwards these are `values`.
     lengths : bool
         Sum and largest of the residuals' lengths are wanted, too.
+    products_of : unknowns whose rows of ``M'WM`` are all that is wanted of it; None: of all.
     """
     sums: dict[Kind, Sums] = {}
     for view in views:
@@ -60,7 +62,8 @@ def accumulate(
         linear = fresh[places] * (np.array([exact and k < view.exact_columns for k in local]) == 0)
         p = view.vector(unknowns if exact else {}, values, held)
         here = None if at is None else view_vector(view, unknowns, at, held)
-        own = Pass(view, local, linear if linear.any() else None, p, here, gram, lengths).run()
+        some = None if products_of is None else np.flatnonzero(np.isin(places, products_of))
+        own = Pass(view, local, linear if linear.any() else None, p, here, gram, lengths, some).run()
         whole = sums.setdefault(view.kind, Sums.zero(len(unknowns)))
         whole.gram[np.ix_(places, places)] += own.gram
         whole.slope[places] += own.slope
@@ -114,12 +117,18 @@ def weight_of(view: View) -> float:
 def design_rows(view: View, unknowns: Mapping[str, int], most: int = RANK_SAMPLE_ROWS) -> Array:
     """Whitened rows of M, dense, of at most `most` of the view's rows, evenly spread: (rows * components, unknowns)."""
     view = sampled(view, most)
-    kernel = view.design(linearised=False)
     local = np.array([k for k, c in enumerate(view.columns) if c in unknowns], dtype=np.intp)
     places = [unknowns[view.columns[k]] for k in local]
-    selectors = selectors_of(kernel, len(view.outputs), local)
     # in one expression, as no array of this size is to be kept longer than it is needed
-    white = view.whiten(slice(None), expanded(kernel.functions(view.rows, view.at_zero), selectors))
-    out = np.zeros((len(view) * len(selectors), len(unknowns)))
+    white = view.whiten(slice(None), _design(view, local))
+    out = np.zeros((len(view) * len(view.outputs), len(unknowns)))
     out[:, places] = white.reshape(len(local), len(out)).T
     return out
+
+
+def _design(view: View, columns: Index) -> Array:
+    """Some columns of M (columns, outputs, n) at zero errors."""
+    if (stored := view.known_design) is not None:
+        return stored.dense()[columns]
+    kernel = view.design(linearised=False)
+    return expanded(kernel.functions(view.rows, view.at_zero), selectors_of(kernel, len(view.outputs), columns))

@@ -15,6 +15,7 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.kernel import KERNEL_BLOCK_ROWS, Kernel, compiled, in_all
 from identification.observation.models import GapView, View
+from identification.observation.stored_design import StoredDesign
 from identification.runtime.parallel import parallel_map
 
 Selector = tuple[Index, Array]
@@ -49,7 +50,7 @@ class Sums:
 
 @dataclass(frozen=True)
 class Pass:
-    """One pass over one view."""
+    """One pass over one view; `some`: columns whose products with all are wanted, where it is not those of all."""
 
     view: View
     columns: Index
@@ -58,12 +59,16 @@ class Pass:
     at: Array | None
     gram: bool
     lengths: bool = False
+    some: Index | None = None
 
     def run(self) -> Sums:
         """All sums: of ranges of rows, which are added up in their order.
 
         Compiled loops work on all cores; threads of short NumPy steps wait for the interpreter longer than they gain.
         """
+        stored = self.view.known_design if self.at is None and self.view.whitener.ndim == 1 else None
+        if stored is not None and not isinstance(self.view, GapView):
+            return self.of_stored(stored)
         work, rows = self.work(), len(self.view)
         size = min(range_rows(rows), RANGE_ROWS) if work.compiled else rows_held(work.kernel)
         spans = [slice(k, k + size) for k in range(0, rows, size)] or [slice(0)]
@@ -71,16 +76,37 @@ class Pass:
         parts = parallel_map(jobs) if work.compiled else (job() for job in jobs)
         return work.total(reduce(_Products.added, parts))
 
+    def of_stored(self, design: StoredDesign) -> Sums:
+        """All sums, with M that is stored."""
+        view, width = self.view, len(self.columns)
+        weights = np.repeat(view.whitener, design.outputs)
+        left = np.hstack([gap for _, gap in view.gaps(self.p)]).T.ravel()
+        if self.linear is not None:
+            left -= design.matrix[:, self.columns] @ self.linear
+        left *= weights
+        sums = Sums(np.zeros((width, width)), (design.matrix.T @ (left * weights))[self.columns], float(left @ left))
+        if self.gram and self.some is not None:
+            own = (design.matrix[:, self.columns[self.some]] * (weights**2)[:, None]).T
+            sums.gram[self.some] = (own @ design.matrix).toarray()[:, self.columns]
+        elif self.gram:
+            for white in design.blocks(self.columns, weights):
+                sums.gram += white.T @ white
+        if self.lengths:
+            lengths = np.sqrt(np.square(left.reshape(-1, design.outputs)).sum(axis=1))
+            sums.length, sums.longest = float(lengths.sum()), float(lengths.max(initial=0.0))
+        return sums
+
     def work(self) -> _Alike:
         """How the sums are taken."""
         view, columns = self.view, self.columns
         kept = isinstance(view, GapView) and self.linear is not None  # its gaps are overwritten, in their own axes
-        if self.at is None and view.any_axes and not kept and in_all(len(view)) >= TURNED_ROWS:
+        if self.some is None and self.at is None and view.any_axes and not kept and in_all(len(view)) >= TURNED_ROWS:
             kernel, rows = view.in_other_axes(self.p)
             if self.few(kernel.n_functions - 3):
                 return _Turned(self, kernel, selectors_of(kernel, 3, columns), rows)
         kernel = view.design(linearised=self.at is not None)
-        kind = _Alike if view.whitener.ndim == 1 and self.few(kernel.n_functions) else _Directed
+        alike = view.whitener.ndim == 1 and self.some is None and self.few(kernel.n_functions)
+        kind = _Alike if alike else _Directed
         return kind(self, kernel, selectors_of(kernel, len(view.outputs), columns))
 
     def few(self, functions: int) -> bool:
@@ -290,8 +316,10 @@ class _Directed(_Alike):
             white = view.whiten(part, expanded(functions, self.selectors)).reshape(columns, gap.size)
             left = view.whiten(part, gap)
             flat = left.ravel()
-            if gram:
+            if gram and self.task.some is None:
                 out.sums[:-1, :-1] += white @ white.T
+            elif gram:
+                out.sums[self.task.some, :-1] += white[self.task.some] @ white.T
             out.sums[:-1, -1] += white @ flat
             out.sums[-1, -1] += float(flat @ flat)
             if self.task.lengths:
