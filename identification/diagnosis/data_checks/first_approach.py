@@ -71,13 +71,13 @@ def likelier_sides(
     fitted = np.flatnonzero((table["role"] == "fit").to_numpy())
     sides = {j.name: direction(table, j.name) for j in linear.scene.moving}
     tried = [t for t in _assumptions(table, linear.scene) if t.turned[fitted][linear.index].any()]
-    every = _without_each(linear, [e for e in effects if not {f"dir_{name}" for name in sides} & set(e.drivers)])
+    every = _without_each([e for e in effects if not {f"dir_{name}" for name in sides} & set(e.drivers)])
     texts = dict[str, list[str]]()
     many = float(np.log(max(len(tried), 1)))
     while tried:
         turned = [{**sides, t.joint: np.where(t.turned, -sides[t.joint], sides[t.joint])} for t in tried]
         of_rows = [{name: side[fitted] for name, side in own.items()} for own in (sides, *turned)]
-        gains = _gains(every, of_rows[0], of_rows[1:]) - many
+        gains = _gains(linear, every, of_rows[0], of_rows[1:]) - many
         best, instead = (int(k) for k in np.unravel_index(np.argmax(gains), gains.shape))
         found = gains[best, instead] > CLEAR
         for k in [best] if found else range(len(tried)):
@@ -122,30 +122,40 @@ def _as_moved(table: pd.DataFrame, joint: str) -> Mask | None:
     return np.asarray(moved * table[name].to_numpy(dtype=np.float64) < 0)
 
 
-def _without_each(linear: LinearModel, effects: Sequence[Effect]) -> list[LinearModel]:
-    """The model with all effects, and those without one of them."""
-    return [linear.with_effects([e for e in effects if e is not out]) for out in (None, *effects)]
+def _without_each(effects: Sequence[Effect]) -> list[list[Effect]]:
+    """All effects, and those without one of them."""
+    return [[e for e in effects if e is not out] for out in (None, *effects)]
 
 
-def _gains(every: Sequence[LinearModel], sides: Mapping[str, Array], turned: Sequence[Mapping[str, Array]]) -> Array:
+def _gains(
+    linear: LinearModel,
+    every: Sequence[Sequence[Effect]],
+    sides: Mapping[str, Array],
+    turned: Sequence[Mapping[str, Array]],
+) -> Array:
     """Log evidence (k, n) of k other sides beside each of n models, over that of the `sides`.
 
     By Schwarz's criterion, over the `sides` beside the first model and beside the same one: a model without a finding
     may be the likelier one by itself. It is so by as much as a finding is unlikely beforehand: a side that nothing
     states is not.
+
+    Parameters
+    ----------
+    linear : without effects; `every`: the effects of each model. Of an arm a model takes tens of megabytes: one at a
+        time is made.
     """
-    first = every[0]
-    left = [[_left_beside(beside, own) for beside in every] for own in (sides, *turned)]
-    square, rank = left[0][0]
-    per_column = float(np.log(len(first.index))) / 2
-    evidence = np.empty((len(left), len(every)))
-    for n, beside in enumerate(every):
-        spared = first.basis.shape[1] - beside.basis.shape[1]
-        for k, row in enumerate(left):
-            own, columns = row[n]
+    evidence = np.empty((1 + len(turned), len(every)))
+    for n, effects in enumerate(every):
+        beside = linear.with_effects(effects)
+        left = [_left_beside(beside, own) for own in (sides, *turned)]
+        if not n:
+            (square, rank), columns_of_first, freedom = left[0], beside.basis.shape[1], beside.freedom
+        spared = columns_of_first - beside.basis.shape[1]
+        for k, (own, columns) in enumerate(left):
             # no reward for a sign with which motions follow the geometry instead
             further = max(columns + spared - rank, 0) - spared
-            evidence[k, n] = first.freedom / 2 * np.log(square / own) - further * per_column + CLEAR * (n > 0)
+            per_column = float(np.log(len(linear.index))) / 2
+            evidence[k, n] = freedom / 2 * np.log(square / own) - further * per_column + CLEAR * (n > 0)
     return np.asarray(evidence[1:] - np.maximum(evidence[0, 0], evidence[0]))
 
 

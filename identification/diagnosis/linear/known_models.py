@@ -40,6 +40,11 @@ class Latest:
         self._kept.move_to_end(key)
         return self._kept[key][0]
 
+    def make_room(self, size: int) -> None:
+        """Forget now what would go when so many bytes more are kept."""
+        while self._kept and self._bytes + size > self._most:
+            self._bytes -= self._kept.popitem(last=False)[1][1]
+
     def keep(self, key: Hashable, value: object, size: int) -> None:
         """Keep a value of so many bytes; what was not asked for longest goes."""
         self._bytes += size - self._kept.pop(key, (None, 0))[1]

@@ -94,6 +94,7 @@ def filtered_model(linear: LinearModel, *, drifts: bool = False) -> FilteredMode
     kept, key = linear.lineage.known.filtered, (name, linear.lineage)
     known: FilteredModel | None = kept.find(key)
     if known is None:
+        kept.make_room(len(considered) * linear.basis.shape[1] ** 2 * linear.basis.itemsize)  # of its triangles
         try:
             known = FromProducts(linear, WeighedProducts(linear, considered, name))
         except DependentError:
