@@ -119,16 +119,14 @@ def design_rows(view: View, unknowns: Mapping[str, int], most: int = RANK_SAMPLE
     view = sampled(view, most)
     local = np.array([k for k, c in enumerate(view.columns) if c in unknowns], dtype=np.intp)
     places = [unknowns[view.columns[k]] for k in local]
-    # in one expression, as no array of this size is to be kept longer than it is needed
-    white = view.whiten(slice(None), _design(view, local))
     out = np.zeros((len(view) * len(view.outputs), len(unknowns)))
+    if (stored := view.known_design) is not None and view.whitener.ndim == 1:
+        stored.write(local, out.reshape(len(view.outputs), len(view), -1), places)
+        out *= np.tile(view.whitener, len(view.outputs))[:, None]
+        return out
+    kernel = view.design(linearised=False)
+    selectors = selectors_of(kernel, len(view.outputs), local)
+    # in one expression, as no array of this size is to be kept longer than it is needed
+    white = view.whiten(slice(None), expanded(kernel.functions(view.rows, view.at_zero), selectors))
     out[:, places] = white.reshape(len(local), len(out)).T
     return out
-
-
-def _design(view: View, columns: Index) -> Array:
-    """Some columns of M (columns, outputs, n) at zero errors."""
-    if (stored := view.known_design) is not None:
-        return stored.dense()[columns]
-    kernel = view.design(linearised=False)
-    return expanded(kernel.functions(view.rows, view.at_zero), selectors_of(kernel, len(view.outputs), columns))

@@ -6,7 +6,7 @@ expression takes longer than all products with what is stored.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -69,9 +69,14 @@ class StoredDesign:
             dense *= weights[part, None]
             yield dense if len(columns) == dense.shape[1] else dense[:, columns]
 
-    def dense(self) -> Array:
-        """M as (columns, outputs, n)."""
-        return np.asarray(self.matrix.toarray().reshape(len(self), self.outputs, -1).transpose(2, 1, 0))
+    def write(self, columns: Index, out: Array, places: Sequence[int]) -> None:
+        """Write some columns of M into places of (outputs, n, unknowns)."""
+        for start in range(0, len(self), BLOCK_ROWS):
+            part = slice(start, min(start + BLOCK_ROWS, len(self)))
+            dense = self.matrix[part.start * self.outputs : part.stop * self.outputs].toarray()
+            out[:, part, places] = (
+                dense[:, columns].reshape(part.stop - part.start, self.outputs, -1).transpose(1, 0, 2)
+            )
 
 
 def _rows_of(kernel: Kernel, rows: list[Array], at_zero: Array, outputs: int) -> Array:
