@@ -23,6 +23,7 @@ from identification.diagnosis.search.other_lags import SELDOM, lags_left_open, r
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import parameters_of
 from identification.estimation.result import Fit
+from identification.runtime.memory import give_back
 from identification.uncertainty.other_effects import OtherEffect
 
 FARTHEST = np.log(30.0)  # logarithm of the largest ratio: beyond it a lag is a line in time, or none
@@ -59,6 +60,7 @@ def other_effects(final: Fit, model: EffectModel, first: int) -> tuple[OtherEffe
         same = [OtherEffect(first + number, options, weight, {}) for options, weight in trials]
         named = [OtherEffect(first + number, e.spec.options, weight, {}, e.effect) for e, weight in elsewhere]
         for trial in (*same, *named):
+            give_back()  # what the fit before has left
             parameters = parameters_of(trial.machine(final.chain.machine), final, WIDEST)
             out.append(replace(trial, parameters=parameters))
     return tuple(out)
