@@ -253,7 +253,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _decided("LITTLE", "LEAST_EVIDENCE", "MUCH"),
         ),
         "search-from": Rule(COMPARISON, "", "An effect that a repeated search begins with."),
-        "whole-model": Rule(COMPARISON, "log evidence", "Of other names that is taken which makes the model likelier."),
+        "whole-model": Rule(COMPARISON, "log evidence", "Of names the likelier model's is taken.", _decided("CHOSEN")),
         "model-evidence": Rule(
             COMPARISON, "log evidence",
             "Another model is kept if its evidence and prior are more (with a further finding, by what detects one), a "

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from identification.diagnosis.decisions.constants import LEAST_EVIDENCE
+from identification.diagnosis.decisions.constants import CHOSEN, LEAST_EVIDENCE
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, named
 from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.scoring import Step, posterior
@@ -54,7 +54,7 @@ def weighed_as_whole(model: EffectModel, found: Sequence[Whole], log: DecisionLo
 
 
 def with_likelier_names(model: EffectModel, log: DecisionLog = UNRECORDED) -> EffectModel:
-    """The model with another name in the place of each that makes the whole model less likely.
+    """The model with another name in the place of each that makes the whole model less likely, beyond a near-tie.
 
     No flexible one: a curve makes up for what a name's textbook form lacks, and this the posterior of names leaves out.
 
@@ -67,9 +67,9 @@ def with_likelier_names(model: EffectModel, log: DecisionLog = UNRECORDED) -> Ef
         able = [s for s in main.alternatives if not (s.effect.empirical or s.effect.flexible)]
         leads = [(_replaced(model, k, s), s) for s in able if posterior(s) > posterior(main)]
         lead, other = max(leads, key=lambda own: own[0], default=(0.0, main))
-        if main.effect.empirical or lead <= 0:
+        if main.effect.empirical or lead <= CHOSEN:
             continue
-        log.add("whole-model", "preferred", other.effect, lead, 0.0, beside=main.effect)
+        log.add("whole-model", "preferred", other.effect, lead, CHOSEN, beside=main.effect)
         others = sorted((s for s in (main, *main.alternatives) if s is not other), key=lambda s: -s.evidence)
         groups = model.findings
         groups[k] = [replace(other, alternatives=tuple(others), parent=None), *more]
