@@ -226,6 +226,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         final.fitted.n > 0 or not final.problem.readings,
         final.solution.dof,
     )
+    model.start.ended()  # of an arm hundreds of megabytes, beside the fits that tables and the report are of
     return Diagnosed(diagnosis, baseline, final, model, found.ranking, log=log)
 
 

@@ -187,6 +187,7 @@ class FitResult:
             if report:
                 from errormodel.files import write_text_atomic
 
+                give_back()
                 with progress("Drawing the report"):
                     write_text_atomic(report() if callable(report) else self.report(), part / "report.html")
         return out.path
