@@ -17,6 +17,7 @@ from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.kernel import KERNEL_BLOCK_ROWS
 from identification.estimation.normal_priors import known_beforehand
+from identification.estimation.plausible import IMPLAUSIBLE_SHARE, floors_of, of_its_size
 from identification.estimation.scaled_equations import scaled_inverse, scaled_solve
 from identification.observation.assembly import group_order
 from identification.observation.identifiability import DEPENDENCE_TOLERANCE, Floors, Groups, find_groups
@@ -41,8 +42,8 @@ ILL_CONDITIONED = 1e4  # condition number above which normal equations keep fewe
 WELL_CONDITIONED = 1e5  # the same, up to which they give a residual to six digits
 MOST_PASSES = 30  # streams through the data
 MOST_RETREATS = 6  # restarts with a tighter prior after divergence
-IMPLAUSIBLE_SHARE = 0.003  # of the machine's size: no machine has rigid error motions beyond it; by judgement
 HELD_ENTRIES = 4_000_000  # of M, dense: limits the memory
+FIRST_NOISE_ROUNDS = 20  # of alternating between noise levels and the step that they weigh
 LINEAR_SHARE = 0.1  # movement of the tip over the machine's size up to which M hardly changes; by judgement
 
 
@@ -185,9 +186,10 @@ class Solver:
             groups = find_groups(*seen, least=least)
         # of nearly dependent columns normal equations give no residual: the noise would come out as nothing
         sound = groups if groups.condition < WELL_CONDITIONED else find_groups(*seen, least=1 / WELL_CONDITIONED)
-        self.update_noise(start, sound.base)
-        floors = self.floors(start)
-        beforehand, whole, within = self.precision, self.of_its_size(seen[2]), np.inf
+        beforehand, within = self.precision, np.inf
+        whole = of_its_size(self.chain, self.views, self.unknowns, seen[2])
+        self.first_noise(start, sound, whole)
+        floors = floors_of(self.chain, self.views, start, self.sigma, self.each)
         for _ in range(MOST_RETREATS):
             if not (floors.direction < groups.margin.direction and floors.lever < groups.margin.lever):
                 groups = find_groups(*seen, floors, least)
@@ -265,30 +267,24 @@ class Solver:
         )
         return bool((left > 1e-9 * np.diag(gram)[others] + 1e-300).any())
 
-    def floors(self, sums: dict[Kind, Sums]) -> Floors:
-        """Thresholds of the rank by the noise: least singular value and least norm of a column.
+    def first_noise(self, sums: dict[Kind, Sums], groups: Groups, whole: Array) -> None:
+        """Noise levels of the first step; `whole` as of `of_its_size`.
 
-        A direction is dropped if its standard uncertainty exceeds any plausible error: a share of the machine's size,
-        or what its points lie off the nominal machine if that is more. A column is dropped if one millimetre of it (at
-        the end of the travel, with the longest lever) stays below the noise and less than a thousandth of it is
-        observed: unmeasured motions show only through the tilt of the frame.
+        A step beyond every machine may leave nothing: all commands to one ball fit one whose axes stand still. The
+        noise is then that beside error motions of physical size.
         """
-        if not (views := [v for v in self.views if v.of_tool and not v.turns and sums[v.kind].count]):
-            return Floors()
-        off = float(np.sqrt(sum(sums[k].square for k in {v.kind for v in views}) / sum(map(weight_of, views))))
-        # of a common shift of all rows, mm
-        shift = float(self.each * sum(weight_of(v) / self.sigma[v.kind] ** 2 for v in views)) ** -0.5
-        plausible = max(IMPLAUSIBLE_SHARE * self.chain.size, off)
-        return Floors(direction=shift / plausible, lever=min(1e-3, shift))
-
-    def of_its_size(self, full: Array) -> Array:
-        """Precision (unknowns,) of rigid error motions whose prior moves the tip by the machine's size.
-
-        `full` are the norms of their columns at full travel and lever.
-        """
-        reach = full / np.sqrt(sum(map(weight_of, self.views)))  # mm at the tip per unit of each
-        rigid = np.isin(self.unknowns, [*{*self.chain.machine_ids} - self.chain.of_effects])
-        return np.where(rigid, np.square(reach / self.chain.size), 0.0)
+        self.update_noise(sums, groups)
+        gram, slope = self.total(sums)
+        base = groups.base
+        step = scaled_solve(gram[np.ix_(base, base)], slope[base])
+        if (np.sqrt(whole[base]) * np.abs(step)).max(initial=0.0) <= IMPLAUSIBLE_SHARE:
+            return
+        beforehand = self.precision
+        self.precision = beforehand + whole / IMPLAUSIBLE_SHARE**2
+        self.sigma |= {kind: 1.0 for kind in sums if kind not in self.known}
+        for _ in range(FIRST_NOISE_ROUNDS):
+            self.update_noise(sums, groups)
+        self.precision = beforehand
 
     def round_off(self) -> float:
         """Whitened length of a step that moves the measured points by 1e-13 of the machine's size."""
