@@ -9,6 +9,7 @@ import numpy as np
 from errormodel.controllers.setup import Setup
 from identification.compensation.read_motions import notes_on_motions
 from identification.compensation.volume import Volume
+from identification.results.stored_fit import StoredFit
 
 
 def inch_lines(inches: bool) -> list[str]:
@@ -30,6 +31,15 @@ def still_lines(setup: Setup, read: Mapping[str, Sequence[str]] | None) -> list[
         "there only"
         for a in setup.axes
         if a.rotary and a.name not in setup.moving
+    ]
+
+
+def sign_lines(fit: StoredFit) -> list[str]:
+    """What comes first of a survey that does not know the sign of its readings."""
+    return [
+        f"FIRST: the sign of all corrections is that of the readings, which nothing proves: {note}. Measure some of "
+        "the same poses again once they act: errors twice as large, in place of none, say that it is the opposite one"
+        for note in fit.sign_notes
     ]
 
 

@@ -35,6 +35,7 @@ from identification.observation.assembly import Problem, build, determined_colum
 from identification.observation.frames import rotation_notes
 from identification.observation.models import MotionView, OrientationView, PositionView, View
 from identification.observation.normal_equations import accumulate, total
+from identification.observation.open_signs import sign_notes
 from identification.observation.pose import IDENTITY, Pose
 from identification.observation.readings import ReadingView
 from identification.runtime.blas import one_blas_thread
@@ -143,6 +144,7 @@ def _fit(
         *dropped,
         *idle_effects(chain, solution),
         *rotation_notes(problem.frames),
+        *sign_notes(problem.views),
     )
     nominal = Spread.of(nominal_residuals)
     if another(chain, nominal):

@@ -119,6 +119,7 @@ class FitFile(_Part):
     covered: dict[str, Annotated[list[Number], Field(min_length=2, max_length=2)]] = {}
     temperatures: dict[str, Annotated[list[list[Number]], AfterValidator(_as_many)]] = {}
     runs: list[str] = []
+    open_signs: bool = False
     robust: bool = False
     sigma_um: NotNegative | None = 0.0  # none of positions
     sigma_interval_um: list[Figure] = []

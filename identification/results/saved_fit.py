@@ -43,10 +43,10 @@ class SavedFit:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What cannot be checked of the folder, and what was assumed of measuring frames, as sentences."""
+        """What cannot be checked of the folder, and what was assumed of measuring frames and signs, as sentences."""
         from identification.observation.frames import rotation_notes
 
-        return (*self.stored.unlisted, *rotation_notes(self.stored.frames))
+        return (*self.stored.unlisted, *rotation_notes(self.stored.frames), *self.stored.sign_notes)
 
     @property
     def data(self) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from errormodel.files import read_csv
 from errormodel.inputs import noted
 from errormodel.machine_file import read_machine
 from identification.estimation.result import Fit, Spread
+from identification.observation.open_signs import OPEN_SIGNS, sign_notes
 from identification.observation.pose import Pose
 from identification.results.set_ups import set_ups
 from identification.results.versions import read_json
@@ -61,6 +62,11 @@ class StoredFit:
         return replace(self, chain=Chain(other.machine(self.chain.machine)), values=dict(other.parameters), others=())
 
     @property
+    def sign_notes(self) -> tuple[str, ...]:
+        """What every use says where the sign of what was measured cannot be known."""
+        return (OPEN_SIGNS,) if self.data.get("open_signs") else ()
+
+    @property
     def widened(self) -> Array:
         """The covariance of `base`, of which two standard uncertainties cover 95.45 %."""
         return self.covariance * self.coverage**2
@@ -75,6 +81,7 @@ def recorded(fit: Fit) -> dict[str, Any]:
         "only_sides": only_sides(fit),
         "temperatures": temperatures_of(fit.chain, fit.span, [s for other in fit.others for s in other.sensors]),
         "runs": runs_of(fit.chain, fit.span),
+        **({"open_signs": True} if sign_notes(fit.problem.views) else {}),
     }
 
 

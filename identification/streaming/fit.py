@@ -35,6 +35,7 @@ from identification.observation.assembly import Problem, determined_columns, fra
 from identification.observation.frames import rotation_notes
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import accumulate
+from identification.observation.open_signs import sign_notes
 from identification.observation.pose import Pose
 from identification.runtime.blas import one_blas_thread
 from identification.runtime.engines import Crew
@@ -278,7 +279,12 @@ class _Streaming:
         nominal_residuals = residuals_of(problem.views, {}, np.zeros(0), self.zero, len(first.survey))
         survey = replace(self.survey, notes=_few((*self.survey.notes, *totals.notes)))
         longest = max(kept.files.values())
-        notes = (*fit_notes(survey, solution, noise, longest), *dropped, *rotation_notes(problem.frames))
+        notes = (
+            *fit_notes(survey, solution, noise, longest),
+            *dropped,
+            *rotation_notes(problem.frames),
+            *sign_notes(problem.views),
+        )
         if another(chain, nominal):
             notes = (*notes, far_off(nominal))
         notes = (*notes, *(b.statement for b in at_bound), *_of_stream(kept, len(first.survey)))

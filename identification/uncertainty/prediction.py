@@ -177,7 +177,7 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     """Notes on unchecked files, assumed rotations, rows in another run's frame, extrapolation, assumed directions."""
     beyond = beyond_notes(fit.chain, fit.data.get("covered", {}), points.table)
     free = (FREE_REFERENCE,) if fit.free_reference else ()
-    own = (*fit.unlisted, *_turned(fit), *rotation_notes(fit.frames))
+    own = (*fit.unlisted, *_turned(fit), *rotation_notes(fit.frames), *fit.sign_notes)
     temperatures = fit.data.get("temperatures", {})
     late = (*started_anew(fit.chain, temperatures, points.table), *after_gaps(fit.chain, temperatures, points.table))
     ended = as_in_last_run(fit.chain, fit.data.get("runs", ()), with_runs(points))

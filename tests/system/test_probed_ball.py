@@ -43,3 +43,25 @@ def test_a_probed_ball_is_fitted_as_an_r_test_is(tmp_path: Path) -> None:
     assert {*found["probed"]} == {*found["r-test"]}
     for identity, (value, std) in found["probed"].items():
         assert abs(value - found["r-test"][identity][0]) < std, identity
+
+
+def test_tables_of_readings_without_a_proved_sign_say_so_first(tmp_path: Path) -> None:
+    """Commands are nominal, and the deviation of the indicated axes was added to the ball's place: the wrong sign."""
+    table = r_test([BALL], rows=90)
+    table[XYZ] = 2 * np.array(BALL) - table[XYZ]
+    (tmp_path / "mill.yaml").write_text(WITH_SCALES)
+    table.to_csv(tmp_path / "data.csv", index=False)
+    run("fit", tmp_path / "mill.yaml", tmp_path / "data.csv", "--out", tmp_path / "fit")
+    assert json.loads((tmp_path / "fit" / "fit.json").read_text())["open_signs"]
+    result = run("compensate", tmp_path / "fit", "--controller", "csv", "--out", tmp_path / "tables")
+    assert result.code == 0, result.err
+    first = (tmp_path / "tables" / "checklist.txt").read_text().split("FIRST: ")[1]
+    assert first.startswith("the sign of all corrections is that of the readings, which nothing proves")
+
+
+def test_a_place_that_does_not_change_has_no_sign(tmp_path: Path) -> None:
+    (tmp_path / "mill.yaml").write_text(WITH_SCALES)
+    probed().to_csv(tmp_path / "data.csv", index=False)
+    result = run("fit", tmp_path / "mill.yaml", tmp_path / "data.csv", "--out", tmp_path / "fit")
+    assert "signs" not in result.err
+    assert "open_signs" not in json.loads((tmp_path / "fit" / "fit.json").read_text())

@@ -130,6 +130,7 @@ def test_diagnose_predict_and_monitor_say_so(tmp_path: Path, capsys: pytest.Capt
         main(command)
         said = capsys.readouterr()
         assert "frame_rotation" in said.err + said.out
+        assert "whether all signs of what was measured are turned cannot be known" in said.err + said.out
     diagnosis = json.loads((tmp_path / "found/diagnosis.json").read_text())
     assert diagnosis["findings"] == []
 

@@ -19,6 +19,7 @@ from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import design_rows
+from identification.observation.open_signs import at_one_place
 
 CLEARLY = 25.0  # log likelihood ratio
 BETTER = 1.5  # times the residual standard deviation
@@ -79,7 +80,7 @@ def refuse_turned_head(fit: Fit) -> None:
 def assigned(fit: Fit) -> Assigned | None:
     """Axes with which the readings fit clearly better than as they are written, or None."""
     views = [v for v in fit.problem.views if isinstance(v, PositionView)]
-    if not views or any(len(v.pose.undetermined) < 3 or not v.components.all() for v in views):
+    if not at_one_place(views):
         return None
     step = -(-sum(map(len, views)) // MOST_ROWS)
     views = [v.part(slice(None, None, step)) for v in views]
