@@ -11,7 +11,7 @@ import pytest
 from errormodel import InputError, simulate
 from errormodel.arrays import Array
 from errormodel.machine_file import read_machine
-from identification import describe, fit, import_survey, load, predict
+from identification import describe, diagnose, fit, import_survey, load, predict
 from identification.results.fit_result import FitResult
 
 ARM = read_machine("six_axis_arm")
@@ -139,3 +139,37 @@ def test_import_leaves_places_that_it_fitted_to_the_fit(tmp_path: Path) -> None:
 def test_a_target_that_says_two_things_is_refused(tmp_path: Path, target: str, cure: str) -> None:
     with pytest.raises(InputError, match=cure):
         fit(ARM, survey(tmp_path / "s", f"{{T1: {target}, T2: [0, 0, 1], T3: [0, 0, 2]}}"))
+
+
+def as_written(k: int, place: Array) -> tuple[pd.DataFrame, Array]:
+    """Points of three targets, of which the k-th is written at `place`."""
+    table = measured(poses(60, 1), STATED, NOISE).drop(columns="target")
+    written = STATED.copy()
+    written[k] = place
+    table[["tool_x", "tool_y", "tool_z"]] = np.tile(written, (60, 1))
+    return table, STATED[k]
+
+
+@pytest.mark.parametrize("look", ["fit", "diagnose"])
+@pytest.mark.parametrize(("k", "place"), [(1, 10 * STATED[1]), (2, STATED[1])])
+def test_rows_of_a_target_that_is_written_elsewhere_are_refused(
+    tmp_path: Path, look: str, k: int, place: Array
+) -> None:
+    """A digit too many, or the name of another target: no column is wrong as a whole."""
+    table, true = as_written(k, place)
+    table.to_csv(tmp_path / "points.csv", index=False)
+    with pytest.raises(InputError) as refused:
+        (fit if look == "fit" else diagnose)(ARM, tmp_path / "points.csv")
+    said = str(refused.value)
+    assert "60 rows" in said
+    assert "while the other 120 rows fit theirs" in said
+    shown = [float(x) for x in said.split("show it at (")[1].split(")", maxsplit=1)[0].split(",")]
+    assert np.abs(np.array(shown) - true).max() < 2
+
+
+def test_two_targets_under_each_others_names_are_refused(tmp_path: Path) -> None:
+    table = measured(poses(60, 1), STATED, NOISE).drop(columns="target")
+    table[["tool_x", "tool_y", "tool_z"]] = np.tile(STATED[[0, 2, 1]], (60, 1))
+    table.to_csv(tmp_path / "points.csv", index=False)
+    with pytest.raises(InputError, match=r"is written in other rows.*is written in other rows.* other 60 rows fit"):
+        diagnose(ARM, tmp_path / "points.csv")

@@ -21,7 +21,7 @@ from identification.diagnosis.data_checks.blunder import Blunder
 from identification.diagnosis.data_checks.columns import wrong_column
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows, set_clock
 from identification.diagnosis.data_checks.opposite_readings import find_opposite_readings
-from identification.diagnosis.data_checks.rows import wrong_rows
+from identification.diagnosis.data_checks.rows import refuse_other_targets, wrong_rows
 from identification.diagnosis.data_checks.unrelated import refuse_still_joint, refuse_unrelated
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 
@@ -47,6 +47,7 @@ def find_blunders(machine: Machine, survey: Survey, log: DecisionLog = UNRECORDE
     ]
     out = list[Blunder]()
     refuse_still_joint(chain, survey)
+    refuse_other_targets(chain, survey)
     for gate in gates:
         while len(out) < MOST_BLUNDERS and (blunder := gate(survey)) is not None:
             out.append(blunder)

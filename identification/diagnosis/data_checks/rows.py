@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Index, Mask
+from errormodel.arrays import Array, Index, Mask
 from errormodel.chain import Chain
 from errormodel.conventions import FRAME, INSTRUMENT
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
-from errormodel.surveys.columns import MEASURED, ORIENTATION
-from identification.diagnosis.data_checks.blunder import Blunder, Points, groups, sheet
+from errormodel.surveys.columns import MEASURED, ORIENTATION, TOOL_COLUMNS
+from identification.diagnosis.data_checks.blunder import Blunder, Points, Sheet, groups, sheet
 from identification.diagnosis.data_checks.columns import Changes, mended, single_changes
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.observation.frames import MACHINE_ERROR_SHARE
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FEWEST = 16  # rows of a file, to say anything
+FEWEST_OF_TARGET = 4  # rows, to say where their target or their frame is
+ORIGIN_AND_AXES = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 FAR = 8.0  # times the others' distance
 LATEST = 12  # rows by which measured points may be late or early
 WINDOWS = 8  # lengths of the stretches that say where the frame stands: so many to a file
@@ -65,6 +67,15 @@ def wrong_rows(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> B
             return found
     log.add("rows-elsewhere", "passed", "rows", 0)
     return None
+
+
+def refuse_other_targets(chain: Chain, survey: Survey) -> None:
+    """InputError where the rows far from the others are those of targets that lie elsewhere than is written."""
+    for rows in groups(survey, gaps=True):
+        columns = sheet(chain, survey.table.iloc[rows])
+        part = _Part(chain, survey, Points.of(chain, columns, survey.frame == "fixed"), rows)
+        if part.seen.sum() >= FEWEST and np.isfinite(part.points.nominal).all():
+            part.refuse_other_targets(columns)
 
 
 @dataclass(frozen=True)
@@ -109,6 +120,59 @@ class _Part:
         if found is None:
             self._refuse_other_frame(pose, off, near)
         return found
+
+    def refuse_other_targets(self, columns: Sheet) -> None:
+        written = np.column_stack([columns[name] for name in TOOL_COLUMNS if name in columns])
+        places, target = np.unique(written, axis=0, return_inverse=True)
+        most = max((int(np.sum(self.seen & (target == k))) for k in range(len(places))), default=0)
+        if (
+            written.shape[1] < 3
+            or len(places) < 2
+            or most < FEWEST_OF_TARGET
+            or self.points.distances()[self.seen].max() < self.plausible
+        ):
+            return
+        each = [np.flatnonzero(self.seen & (target == k)) for k in range(len(places))]
+        poses = [self.points.part(own).pose() for own in each if len(own) >= FEWEST_OF_TARGET]
+        pose = min(poses, key=lambda p: float(np.mean(self.points.distances(p)[self.seen] > self.plausible)))
+        distance = self.points.distances(pose)
+        if not (distance[self.seen] < self.plausible).any():
+            return
+        near = max(self.small, FAR * float(np.median(distance[distance < self.plausible])))
+        off = np.flatnonzero(self.seen & (distance > near))
+        wrong = [(places[k], own) for k in np.unique(target[off]) if len(own := off[target[off] == k])]
+        if len(wrong) == len(places) or not wrong or min(len(own) for _, own in wrong) < FEWEST_OF_TARGET:
+            return
+        if self._other_column(pose, off, near) is not None:  # which can be put right
+            return
+        said, exchanged = [], True
+        for place, own in wrong:
+            shown = self._shown_place(columns, pose, own)
+            here = columns | {name: np.full(len(self.rows), x) for name, x in zip(TOOL_COLUMNS, shown, strict=True)}
+            left = Points.of(self.chain, here, fixed=True).part(own).distances(pose)
+            if np.mean(left < near) < REST or np.median(left) > np.median(distance[own]) / BETTER:
+                return
+            text = f"{self._spoken(own)}, written with the target at {_spot(place)}, show it at {_spot(shown)}"
+            others = places[(np.linalg.norm(places - shown, axis=1) < near) & (places != place).any(axis=1)]
+            exchanged &= len(others) > 0
+            said.append(text + (f", where {_spot(others[0])} is written in other rows" if len(others) else ""))
+        if (
+            2 * len(off) >= self.seen.sum() and not exchanged
+        ):  # few tell nothing of the rest, but by places written there
+            return
+        where = f"{self.survey.table['file'].iloc[self.rows[0]]}, columns {' '.join(TOOL_COLUMNS)}"
+        rest = f"while the other {int(self.seen.sum()) - len(off)} rows fit theirs"
+        cure = "Write in each row the place of the target that was measured there: look for a wrong name, unit or digit"
+        raise InputError(where, f"{'; '.join(said)} (mm), {rest}", cure)
+
+    def _shown_place(self, columns: Sheet, pose: Pose, own: Index) -> Array:
+        """Place (3,) mm in the last frame at which the measured points of some rows lie, in a frame of known pose."""
+        n = len(self.rows)
+        tools = [columns | {t: np.full(n, x) for t, x in zip(TOOL_COLUMNS, p, strict=True)} for p in ORIGIN_AND_AXES]
+        origin, *ends = (Points.of(self.chain, tool, fixed=True).nominal[own] for tool in tools)
+        turns = np.stack([end - origin for end in ends], axis=-1)
+        seen = pose.invert(self.points.measured[own]) - origin
+        return np.asarray(np.median(np.einsum("nji,nj->ni", turns, seen), axis=0))
 
     def _agreed(self) -> tuple[int, Pose | None]:
         """By how many rows what was measured is late, for most rows, and the frame that these agree on.
@@ -267,3 +331,8 @@ class _Part:
         return Blunder(
             what, survey, where=where, before_um=1e3 * before, after_um=1e3 * after, rows=self._numbers(which)
         )
+
+
+def _spot(place: Array) -> str:
+    """A place as a person writes it."""
+    return f"({', '.join(f'{x + 0.0:.5g}' for x in np.round(place, 2))})"
