@@ -43,6 +43,9 @@ from identification.runtime.blas import one_blas_thread
 # Consecutive rows left out together in large surveys, a tenth of the rows in small ones; by judgement
 HELDOUT_BLOCK_ROWS = 600
 SECOND_ORDER_SIGMA = 3.0  # standard uncertainties of second order that are said; by judgement
+# Of a column's square sum, outside a block: of less its zero is the block's own, as that of a run is. M of readings is
+# taken at other values in a block than in all rows, and what is left of products of such columns would be no zero
+SEEN_ELSEWHERE = 1e-9
 SMALL_STEP = 1e-3  # of a step, for its derivative: errors of second order and of rounding are far below any noise
 
 
@@ -241,7 +244,8 @@ def held_out(
     """Residuals (rows, 3) of blocks of consecutive rows, each predicted by a fit without it; and how many blocks.
 
     The sums of a block are subtracted from those of all rows, so that no data is streamed twice. Parameters that are
-    `fixed` (at a bound) keep their values. `residuals` computes the residuals: (rows, 3) of positions, or
+    `fixed` (at a bound) keep their values. Unknowns of a set-up that is left out as a whole are those of its own rows.
+    `residuals` computes the residuals: (rows, 3) of positions, or
     `motion_residuals` (rows, 6); they are linear in the step, since along directions that are hardly determined the
     exact kinematics would leave the valley of the fit.
     """
@@ -251,6 +255,7 @@ def held_out(
     pick = np.ix_(base, base)
     gram = total(solution.sums, solution.sigma)[0][pick] + np.diag(solution.precision[base])
     scale = 1 / np.sqrt(np.diag(gram))
+    of_set_ups = np.isin(np.array(solution.unknowns)[base], [c for v in problem.readings for c in v.starts])
     out = residuals(problem.views, place, solution.values, zero, rows)
     views_in_order = [v if (np.diff(v.index) > 0).all() else v.part(np.argsort(v.index)) for v in problem.views]
     for block in blocks:
@@ -262,7 +267,12 @@ def held_out(
         own_gram, own_slope = total(own, solution.sigma)
         less, slope = gram - own_gram[pick], -own_slope[base]
         # directions that the other blocks do not determine keep the fitted values
-        step = determined_step(less, slope, scale)
+        kept = np.diag(less) > SEEN_ELSEWHERE * np.diag(gram)
+        step = np.zeros(len(base))
+        step[kept] = determined_step(less[np.ix_(kept, kept)], slope[kept], scale[kept])
+        alone = ~kept & of_set_ups  # which nothing but these rows can tell: beside the others' machine
+        rest = own_slope[base] - own_gram[pick] @ step
+        step[alone] = determined_step(own_gram[pick][np.ix_(alone, alone)], rest[alone], scale[alone])
         values = solution.values.copy()
         values[base] += SMALL_STEP * step
         views = [replace(v, index=v.index - block[0]) for v in views]

@@ -6,6 +6,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 
+BEYOND_ERRORS = 2.0  # times the largest error: an eigenvalue that is none
 DETERMINED = 1e-13  # eigenvalues of scaled normal equations below this share of the largest are rounding errors
 
 
@@ -37,7 +38,11 @@ def determined_step(gram: Array, slope: Array, scale: Array) -> Array:
     factor, failed = dpotrf(unit)
     if not failed and dpocon(factor, np.abs(unit).sum(axis=0).max(initial=0.0))[0] > DETERMINED:
         return np.asarray(scale * cho_solve((factor, False), scale * slope))
-    return np.asarray(scale * (np.linalg.pinv(unit, rcond=DETERMINED, hermitian=True) @ (scale * slope)))
+    sizes, directions = np.linalg.eigh(unit)
+    # an eigenvalue below zero shows how large errors are
+    known = sizes > max(DETERMINED * sizes[-1], -BEYOND_ERRORS * sizes[0])
+    own = directions[:, known]
+    return np.asarray(scale * (own @ ((own.T @ (scale * slope)) / sizes[known])))
 
 
 def scaled_inverse(gram: Array) -> Array:

@@ -33,3 +33,11 @@ def test_along_what_is_not_determined_there_is_no_step(seed: int) -> None:
 
 def test_no_equations_have_no_step() -> None:
     assert determined_step(np.zeros((0, 0)), np.zeros(0), np.zeros(0)).shape == (0,)
+
+
+def test_an_eigenvalue_below_zero_shows_which_are_none() -> None:
+    """Equations less those of a part, whose M was taken at other values: what is left of a direction is an error."""
+    turn = np.linalg.qr(np.random.default_rng(4).normal(size=(4, 4)))[0]
+    gram = turn @ np.diag([2.0, 1.0, 2e-6, -3e-6]) @ turn.T
+    step = determined_step(gram, turn @ [2.0, 1.0, 1e-3, 1e-3], np.ones(4))
+    np.testing.assert_allclose(turn.T @ step, [1.0, 1.0, 0.0, 0.0], atol=1e-9)
