@@ -1,4 +1,4 @@
-"""Linear interpolation of missing readings of temperature sensors where it is known well enough, with notes."""
+"""Missing values between recorded ones: temperatures interpolated over time, loads that were held; with notes."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from errormodel.arrays import Array, Index
+from errormodel.exceptions import InputError
 from errormodel.formats.base import spoken
 
 # K rms, largest interpolation error of known readings; by judgement: the noise of usual sensors is smaller
@@ -25,6 +26,7 @@ MOST_TRIED = 16  # missing rows of a gap at which lines are tried: of a long one
 # longest gap over the usual time of as many readings; by judgement: temperatures after a longer pause are unknown
 LONGEST_PAUSE_RATIO = 3.0
 LEAST_SAID_KELVIN = 0.001  # smaller errors are not told apart in notes
+EACH_ROW_ITS_LOAD = "Write the load of every row, 0 where there was none; or leave the column out"
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class Gap:
 
 
 def filled(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
-    """Table with gaps of its temperatures interpolated linearly over time, and notes.
+    """Table with gaps of its temperatures interpolated linearly over time, loads held (`_with_loads`), and notes.
 
     Without time the order of the rows replaces it. Neighbours are of one file, and of one run where times go back. A
     gap is filled if known readings, left out in turn over as many rows, lie within `SENSOR_NOISE_KELVIN` (rms, where
@@ -53,12 +55,18 @@ def filled(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
 
     Parameters
     ----------
-    table : the table of a survey, temperatures in degC.
+    table : the table of a survey, temperatures in degC, loads in kg.
+
+    Raises
+    ------
+    InputError
+        A file has the load of some rows, and nothing tells that of another.
     """
     names = [str(n) for n in table if str(n).startswith("T_") and table[n].isna().any()]
+    table, notes = _with_loads(table)
     if not names:
-        return table, []
-    out, notes, courses = table.copy(), list[str](), list(_courses(table))
+        return table, notes
+    out, courses = table.copy(), list(_courses(table))
     for name in names:
         values = table[name].to_numpy(dtype=np.float64).copy()
         known = values[np.isfinite(values)]
@@ -71,6 +79,65 @@ def filled(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
                 notes.append(_note(name, table, now, gaps, timed))
         out[name] = values
     return out, notes
+
+
+def _with_loads(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
+    """Table in which an empty load between two equal ones is that load, and notes.
+
+    A load is set and stays until another one is. Of gaps in more than `MOST_GAPS_SHARE` of the rows, or as long as the
+    shortest stretch of rows with one load, it may as well have been another one. A file without any load is left as
+    it is.
+
+    Raises
+    ------
+    InputError
+        An empty load lies between different ones, before the first or after the last, or may be another one.
+    """
+    if "load" not in table or not table["load"].isna().any():
+        return table, []
+    values, notes = table["load"].to_numpy(dtype=np.float64).copy(), list[str]()
+    recorded = table["load"].notna().groupby(table["file"]).transform("any").to_numpy(dtype=bool)
+    for rows, _, _ in _courses(table):
+        gap = np.isnan(values[rows])
+        if not gap.any() or not recorded[rows].any():
+            continue
+        own = np.where(gap, -np.inf, values[rows])  # gaps are equal to each other, and to no load
+        stretches = np.split(np.arange(len(own)), np.flatnonzero(own[1:] != own[:-1]) + 1)
+        for empty in (s for s in stretches if gap[s[0]]):
+            first, last = int(empty[0]), int(empty[-1])
+            before, after = own[first - 1] if first else -np.inf, own[last + 1] if last + 1 < len(own) else -np.inf
+            if before != after or before == -np.inf:
+                raise _unknown_load(table, rows, first, _differ(before, after))
+            own[empty] = before
+        held = np.diff(np.flatnonzero(np.concatenate([[True], own[1:] != own[:-1], [True]]))).min()
+        for empty in (s for s in stretches if gap[s[0]]):
+            if gap.sum() > MOST_GAPS_SHARE * len(own) or len(empty) >= held:
+                why = f"{int(gap.sum())} of {len(own)} rows have none, and a load stands for as few as {held}"
+                raise _unknown_load(table, rows, int(empty[0]), f"and though it is {own[empty[0]]:g} kg around, {why}")
+        values[rows] = own
+        loads = " and ".join(f"{load:g}" for load in np.unique(own[gap]))
+        numbers = sorted(table["row"].iloc[rows[gap]].tolist())
+        notes.append(
+            f"{table['file'].iloc[rows[0]]}: load has no value in {spoken(numbers)}: taken as the {loads} kg before "
+            "and after. Write it there if it was another one"
+        )
+    return table.assign(load=values), notes
+
+
+def _differ(before: float, after: float) -> str:
+    """That the loads beside a gap do not tell what it was; -inf: there is none."""
+    if before == after:
+        return "nor in another row of its run"
+    if -np.inf in (before, after):
+        return f"and none {'before' if before == -np.inf else 'after'} it"
+    return f"between {before:g} and {after:g} kg"
+
+
+def _unknown_load(table: pd.DataFrame, rows: Index, first: int, why: str) -> InputError:
+    """Of a row, the number `first` of a course, nothing tells the load."""
+    at = rows[first]
+    where = f"{table['file'].iloc[at]}, row {table['row'].iloc[at]}, column load"
+    return InputError(where, f"no value, {why}", EACH_ROW_ITS_LOAD)
 
 
 def _note(name: str, table: pd.DataFrame, rows: Index, gaps: list[Gap], timed: bool) -> str:

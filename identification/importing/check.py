@@ -14,7 +14,7 @@ from errormodel.machine import Joint, Machine
 from errormodel.survey import Survey
 from errormodel.surveys.columns import ORIENTATION, SIGMA_COLUMNS
 from identification.diagnosis.data_checks.readings import Lengths, length_lines, lengths_of, refuse_exchanged
-from identification.diagnosis.data_checks.temperature_sensors import faults
+from identification.diagnosis.data_checks.temperature_sensors import faults, incomplete
 from identification.importing.proof import Proof, prove
 from identification.importing.text import proof_lines
 from identification.observation.assembly import build
@@ -164,6 +164,8 @@ def _channels(survey: Survey) -> Iterator[str]:
     others = [str(c) for c in table if str(c).startswith("w_") or c in ("feed", "load")]
     if others:
         yield f"other channels: {', '.join(others)}"
+    for name, reason in incomplete(table).items():
+        yield f"{name}: {reason}; `diagnose` lets it drive nothing"
     runs = table["run"].nunique()
     if runs > 1:
         yield f"{runs} runs"

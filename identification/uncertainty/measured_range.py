@@ -101,6 +101,25 @@ def beyond_notes(chain: Chain, ranges: Mapping[str, list[float]], table: pd.Data
         )
 
 
+def unrecorded_load(ranges: Mapping[str, list[float]], table: pd.DataFrame) -> Iterator[str]:
+    """A note on loads of points, where the fitted rows have none.
+
+    Parameters
+    ----------
+    ranges : as `covered` returns them; none of a fit that has not kept them.
+    """
+    if not ranges or "load" in ranges or "load" not in table:
+        return
+    loads = np.abs(table["load"].to_numpy(dtype=np.float64))
+    if np.nanmax(loads, initial=0.0) > 0:
+        at = int(np.nanargmax(loads))
+        yield (
+            f"the model knows nothing of the load, {table['load'].iloc[at]:g} kg in row {table['row'].iloc[at]}: the "
+            "fitted survey has no column load. What it does to the machine is in no prediction, nor in the "
+            "uncertainty. Record the load in every row of a survey with several, and fit that"
+        )
+
+
 def _there(chain: Chain, name: str, acts: bool) -> str:
     """What the model does beyond what was measured of a channel: what has no name does not go on."""
     if not acts:

@@ -24,7 +24,7 @@ from identification.observation.frames import rotation_notes
 from identification.observation.pose import IDENTITY, Pose
 from identification.results.stored_fit import StoredFit
 from identification.uncertainty.estimated_targets import estimated_targets
-from identification.uncertainty.measured_range import beyond_notes
+from identification.uncertainty.measured_range import beyond_notes, unrecorded_load
 from identification.uncertainty.one_side import from_other_sides
 from identification.uncertainty.other_effects import OtherEffect, unrecorded, with_other_effects
 from identification.uncertainty.read_on_the_fly import on_the_fly, perhaps_at_rest
@@ -187,6 +187,7 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     mistakes = (MISTAKE.format(text=text) for text in mended_words(fit.chain.machine))
     changes = (
         *late,
+        *unrecorded_load(fit.data.get("covered", {}), points.table),
         *estimated_targets(fit.chain.machine, points.table),
         *unrecorded(fit.others, fit.chain.machine, points.table),
         *ended,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from errormodel.exceptions import InputError
 from errormodel.formats.base import NO_VALUE_WORDS
 from errormodel.machine_file import read_machine
 from errormodel.survey import Survey, read_survey
@@ -254,6 +257,59 @@ def test_noise_does_not_make_a_long_gap_unknown(table: pd.DataFrame, tmp_path: P
     spoilt["T_x"] += np.random.default_rng(3).normal(0, 0.15, len(table))
     spoilt.loc[30:33, "T_x"] = np.nan
     assert read(spoilt, tmp_path).table["T_x"].notna().all()
+
+
+def with_load(table: pd.DataFrame) -> pd.DataFrame:
+    """First without a load, then with 20 kg."""
+    load = np.where(np.arange(len(table)) < 30, 0.0, 20.0)
+    return table.assign(load=load, run=np.where(load > 0, "loaded", "empty"), time=60.0 * np.arange(len(table)))
+
+
+@pytest.mark.parametrize("drop", [[], ["time"], ["run"]])
+def test_a_load_is_held_over_empty_cells(drop: list[str], table: pd.DataFrame, tmp_path: Path) -> None:
+    """They made the whole column drive nothing, and "no load was recorded that changes" was said."""
+    full = with_load(table).drop(columns=drop)
+    spoilt = full.copy()
+    spoilt.loc[[5, 6, 40], "load"] = np.nan
+    survey = read(spoilt, tmp_path)
+    assert survey.table["load"].tolist() == full["load"].tolist()
+    said = " ".join(survey.notes)
+    assert "3 rows (6, 7, 41): taken as the 0 and 20 kg before and after" in said or drop == ["time"]
+    assert "row 41: taken as the 20 kg" in said or drop != ["time"]
+
+
+@pytest.mark.parametrize(
+    ("rows", "found"),
+    [
+        ([29], "row 30, column load: no value, between 0 and 20 kg"),
+        ([0, 1], "row 1, column load: no value, and none before it"),
+        ([59], "row 60, column load: no value, and none after it"),
+        (range(5, 15), "row 6, column load: no value, and though it is 0 kg around, 10 of 60 rows have none"),
+    ],
+)
+def test_a_load_that_nothing_tells_is_refused(
+    rows: Sequence[int], found: str, table: pd.DataFrame, tmp_path: Path
+) -> None:
+    spoilt = with_load(table)
+    spoilt.loc[[*rows], "load"] = np.nan
+    with pytest.raises(InputError, match=re.escape(f"s.csv, {found}")) as raised:
+        read(spoilt, tmp_path)
+    assert "Write the load of every row, 0 where there was none" in raised.value.cure
+
+
+def test_a_load_that_changes_from_row_to_row_is_not_held(table: pd.DataFrame, tmp_path: Path) -> None:
+    spoilt = with_load(table).assign(load=20.0 * (np.arange(len(table)) % 2), run="1")
+    spoilt.loc[7, "load"] = np.nan
+    with pytest.raises(InputError, match="a load stands for as few as 1"):
+        read(spoilt, tmp_path)
+
+
+def test_a_file_without_loads_beside_one_with_them_is_said(table: pd.DataFrame, tmp_path: Path) -> None:
+    with_load(table[::2]).to_csv(tmp_path / "one.csv", index=False)
+    table[1::2].to_csv(tmp_path / "two.csv", index=False)
+    source = write(tmp_path / "s.yaml", "errormodel: 1\nfiles: [{path: one.csv}, {path: two.csv}]\nframe: shared\n")
+    said = done("check", MILL, source).out
+    assert "load: no value in 30 of 60 rows. Write it in every row; `diagnose` lets it drive nothing" in said
 
 
 def _many(t: pd.DataFrame) -> None:

@@ -56,6 +56,16 @@ def test_measured_columns_of_points_are_not_used_and_said_to_be(mill: Path, tmp_
     assert (tmp_path / "out_with.csv").read_bytes() == (tmp_path / "out_without.csv").read_bytes()
 
 
+def test_a_load_that_the_model_does_not_know_is_said(mill: Path, tmp_path: Path) -> None:
+    """Points with 20 kg passed without a note, for a model of a survey without a load."""
+    points, said = pd.read_csv(mill / "s.csv").drop(columns=XYZ), []
+    for load in (0.0, 20.0):
+        points.assign(load=load).to_csv(tmp_path / "p.csv", index=False)
+        said.append(done("predict", mill / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err)
+    assert "load" not in said[0]
+    assert "the model knows nothing of the load, 20 kg in row 1: the fitted survey has no column load" in said[1]
+
+
 def test_a_temperature_that_never_was_is_named(tmp_path: Path) -> None:
     """So it is with what drives an effect."""
     machine = _mill_with(tmp_path, "[{effect: spindle-growth, sensor: T_spindle}]")

@@ -1,4 +1,4 @@
-"""Temperature sensors that are dead, stuck, torn off or loose: they are excluded as drivers of effects."""
+"""Temperature sensors that are dead, stuck, torn off or loose, and settings with gaps: they drive no effects."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from errormodel.survey import Survey
 
+SETTINGS = ("feed", "load")  # of the rows
 COLDEST, WARMEST = -60.0, 150.0  # degC, of machines and of the rooms they stand in
 HOTTEST = 400.0  # degC, of what melts filament or is heated on purpose
 HEATED = re.compile(r"hot|nozzle|extru|heater", re.IGNORECASE)
@@ -29,11 +30,22 @@ SOON = 300.0  # s: nothing that weighs something warms by that and cools again
 
 
 def dead_sensors(survey: Survey) -> dict[str, str]:
-    """Temperature columns of the rows to fit that must not drive anything, each with the reason.
+    """Temperatures, feeds and loads of the rows to fit that must not drive anything, each with the reason.
 
     A sensor that follows something quick (a nozzle, a motor) is not dead: it moves on, or stays where it went.
     """
-    return faults(survey.fit.table)
+    table = survey.fit.table
+    return faults(table) | incomplete(table)
+
+
+def incomplete(table: pd.DataFrame) -> dict[str, str]:
+    """Feeds and loads that only some rows of a table have, each with what to write."""
+    gaps = {name: int(table[name].isna().sum()) for name in SETTINGS if name in table}
+    return {
+        name: f"no value in {_rows(n, len(table))}. Write it in every row"
+        for name, n in gaps.items()
+        if 0 < n < len(table)
+    }
 
 
 def faults(table: pd.DataFrame) -> dict[str, str]:
