@@ -29,6 +29,10 @@ Array = NDArray[np.float64]
 
 # values of usual shop temperatures in each unit, which are implausible in degC
 _SHOP_TEMPERATURES = {"K": (250.0, 330.0), "degF": (55.0, 110.0)}
+_ROOM_DEGC = (5.0, 45.0)  # of a sensor that another one is compared with; by judgement
+# K between two members of a machine; K rms by which a sensor must change to be followed; share of that by which another
+# one that follows it may differ, and that must be this share of what it differs by in degC. By judgement
+_BETWEEN_MEMBERS, _CHANGES, _FOLLOWS, _FOLLOWS_BETTER = 5.0, 0.3, 0.5, 0.7
 _FASTEST_MM_PER_S = 5e3  # mm/s; faster slides are implausible; by judgement
 _LONGEST_STEP_S = 3600.0  # s; a longer median time from row to row is implausible; by judgement
 _FEWEST_PACE_ROWS = 10  # fewest rows from which a speed is judged; by judgement
@@ -90,7 +94,7 @@ def check_sizes(
 
 
 def _temperatures(frame: pd.DataFrame, units: SurveyUnits) -> str | None:
-    """Note if all temperatures look like kelvin or Fahrenheit."""
+    """Note if all temperatures look like kelvin or Fahrenheit, or one like another one in Fahrenheit."""
     names = [str(n) for n in frame if str(n).startswith("T_") and n not in units.of_columns]
     if not names or units.temperature != "degC" or not (middle := frame[names].median()).notna().all():
         return None
@@ -100,6 +104,30 @@ def _temperatures(frame: pd.DataFrame, units: SurveyUnits) -> str | None:
         if least < low and high < most and alike:
             text = f"{' '.join(names)} of {low:.0f} to {high:.0f} degC"
             return f"{text}; if they are in {unit}, write units: {{temperature: {unit}}}"
+    return _one_in_fahrenheit(frame[names])
+
+
+def _one_in_fahrenheit(read: pd.DataFrame) -> str | None:
+    """Note if a temperature changes as another one does, beside it, if it is read in degF, and not in degC.
+
+    A motor or a heater may be as warm, but does not follow the room so.
+    """
+    least, most = _SHOP_TEMPERATURES["degF"]
+    middle, changes = read.median(), read.std(ddof=0)
+    for name in (n for n in read if least < middle[n] < most):
+        near = [n for n in read if _ROOM_DEGC[0] < middle[n] < _ROOM_DEGC[1] and changes[n] > _CHANGES]
+        off = {n: (read[name] - 32) / 1.8 - read[n] for n in near}
+        by = {n: float(o.std(ddof=0)) for n, o in off.items() if abs(o.median()) < _BETWEEN_MEMBERS}
+        if not by:
+            continue
+        other = min(by, key=by.__getitem__)
+        in_degc = float((read[name] - read[other]).std(ddof=0))
+        if by[other] < min(_FOLLOWS * changes[other], _FOLLOWS_BETTER * in_degc):
+            return (
+                f"{name} of {read[name].min():.0f} to {read[name].max():.0f} degC; in degF it would be "
+                f"{abs(off[other].median()):.1f} K from {other} and follow it within {by[other]:.1g} K (rms), where in "
+                f"degC it does so within {in_degc:.1g} K. If it is in degF, write units: {{{name}: degF}}"
+            )
     return None
 
 
