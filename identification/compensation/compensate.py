@@ -179,12 +179,12 @@ def compensate(
         rotary = replace(rotary, tables_alone_um=bare)
     found = findings_of(folder)
     columns, unconfirmed = changed_columns(found, field)
-    scales = scale_advice(volume, setup, controller) if read is None else []
+    scales = scale_advice(volume, setup, controller, fit) if read is None else []
     scaled_um = None
     if scales and isinstance(controller, Controller) and not controller.general:
         of = emulated(controller, usual.tables, setup, volume)
         scaled_um = left(volume, with_scales(of, scales, volume), seed).rms_um
-    advice = mechanical_advice(volume, usual.figures[0].before.rms_um)
+    advice = mechanical_advice(volume, usual.figures[0].before.rms_um, fit)
     return Compensation(
         controller,
         setup,
