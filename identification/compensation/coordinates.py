@@ -20,6 +20,10 @@ from identification.observation.pose import IDENTITY
 
 # of the residual RMS, and of that without tables, by which it grows without a step that is then asked for; by judgement
 REPORTED_SHARE, REPORTED_OF_BEFORE = 0.05, 0.01
+NOT_PLACED = (
+    ", where the bed and zero had been aligned with the machine as it was: where it stands in axes of its own (an arm "
+    "in its base) the survey does not show, as its frame is free, and that is in none of these figures"
+)
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,7 @@ class Coordinates:
     kept : whether the tables are those for whoever does not align again (``--keep-alignment``).
     kept_um : what these would leave where zero is set anew; None: not computed.
     reference : place that errors count from and that the tables leave as it is; empty: there is none.
+    placed : whether the survey shows where the machine stands (``frame: fixed``); errors are then of that place, too.
     """
 
     turn_urad: Vector
@@ -48,6 +53,7 @@ class Coordinates:
     kept: bool = False
     kept_um: float | None = None
     reference: str = ""
+    placed: bool = True
 
     @classmethod
     def of(cls, volume: Volume, correct: Correct, seed: int, kept: bool = False) -> Coordinates:
@@ -75,6 +81,7 @@ class Coordinates:
             _rms(moved - wanted),
             kept,
             reference="" if volume.origin is None else volume.reference,
+            placed=not volume.free,
         )
 
     def line(self, tables: bool = True) -> str:
@@ -104,16 +111,17 @@ class Coordinates:
         """What is to be done again once the compensation acts, and what is left without; empty: nothing of effect."""
         before = f"({self.before_um:.1f} without them)"
         untouched = f"{self.untouched_um:.1f} where {{}} {before}"
+        placed = "" if self.placed else NOT_PLACED
         if self.must_align:
             undone = f". {self.left_um:.1f} um rms are left then, {self.unaligned_um:.1f} where only zero is set, "
-            undone += untouched.format("neither is done")
+            undone += untouched.format("neither is done") + placed
             if self.kept_um is not None:
                 undone += f". --keep-alignment writes tables for whoever only sets zero: they leave {self.kept_um:.1f}"
             return "set zero again and align again (level the bed or table; fixtures, probes)", undone
         left = self.unaligned_um if self.kept else self.left_um
         undone = f". {left:.1f} um rms are left" + (" where nothing is aligned again" if self.kept else "")
         if self.untouched_um > self._most:
-            return "set zero again", f"{undone} then, {untouched.format('it is not')}"
+            return "set zero again", f"{undone} then, {untouched.format('it is not')}{placed}"
         return "", f"{undone} {before}" if self.kept else ""
 
     @property

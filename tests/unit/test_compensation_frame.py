@@ -113,7 +113,10 @@ def test_the_motion_is_that_of_the_commands(tmp_path: Path) -> None:
     assert "or do not use them" in found.line()
     shifted = Coordinates.of(volume, lambda q, came, tool: q + 0.01, 0)
     assert shifted.line().startswith("FIRST: set zero again once they act")
+    for said in (found.line(), shifted.line()):  # an arm's programme was 1339 um off where 81 were said
+        assert "without them), where the bed and zero had been aligned with the machine as it was: where it" in said
     fixed = Coordinates.of(replace(volume, free=False), correct, 0)
+    assert "the survey does not show" not in fixed.line()
     assert fixed.left_um == fixed.unaligned_um == fixed.untouched_um > 10  # nothing is set again there
     assert not fixed.line(tables=False).startswith("FIRST")
     assert "these commands turn the machine's coordinates by +0.0 +0.0 +50.0 urad" in fixed.line(tables=False)
