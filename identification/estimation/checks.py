@@ -43,11 +43,11 @@ BEYOND_INSTRUMENT = 3.0  # times: machines do not repeat to less than instrument
 WRONG_UNIT_FACTOR = 100.0  # times: so far off is a declaration in another unit
 
 
-def check_runs(chain: Chain, survey: Survey) -> None:
-    """Raise InputError if an effect of the machine belongs to a run that has no row in the fit."""
+def check_runs(chain: Chain, survey: Survey, other_runs: bool = False) -> None:
+    """Raise InputError if an effect of the machine belongs to a run that has no row in the fit, unless `other_runs`."""
     runs = dict.fromkeys(survey.table["run"].astype(str))
     for name in chain.channels:
-        if name.startswith("run(") and name[4:-1] not in runs:
+        if not other_runs and name.startswith("run(") and name[4:-1] not in runs:
             found = f"an effect of this machine goes with {name}, a run that no fitted row is of"
             raise InputError(str(survey.source), found, nearest(name[4:-1], runs))
         if name.startswith("of(") and name != POINTS and name[3:-1] not in survey.observations:

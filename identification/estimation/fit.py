@@ -57,6 +57,7 @@ def fit_machine(
     document: Document | None = None,
     *,
     effect_sizes: float | None = None,
+    other_runs: bool = False,
 ) -> Fit:
     """Fit all parameters, frames and noise levels to the survey's fit rows, and evaluate its test files.
 
@@ -66,6 +67,7 @@ def fit_machine(
     bounds : the user's bounds by parameter name, in place of physical ones; `document`: their file, for messages.
     effect_sizes : standard deviation of a normal prior about zero of the parameters of effects, in units of their
         physical sizes; None: no prior.
+    other_runs : whether runs that effects belong to may have no rows here, so that the effects are not there.
 
     Returns
     -------
@@ -79,7 +81,7 @@ def fit_machine(
         parameter, or (robust) most rows are outliers.
     """
     with one_blas_thread():  # blocks are small: one thread is fastest
-        return _fit(Chain(machine), survey, robust, bounds or {}, document, effect_sizes)
+        return _fit(Chain(machine), survey, robust, bounds or {}, document, effect_sizes, other_runs)
 
 
 def fit_if_possible(machine: Machine, survey: Survey, robust: bool = False) -> Fit | None:
@@ -97,11 +99,12 @@ def _fit(
     bounds: Mapping[str, PriorForm],
     document: Document | None,
     effect_sizes: float | None,
+    other_runs: bool,
 ) -> Fit:
     rows = survey.fit
     if not len(rows):
         raise InputError(str(survey.source), "no file has role: fit", "Give at least one file the role fit")
-    check_runs(chain, rows)
+    check_runs(chain, rows, other_runs)
     problem = build(chain, rows)
     problem = replace(problem, views=tuple(v.storing_design() for v in problem.views))
     judged = None

@@ -159,7 +159,8 @@ def _measure(stored: StoredFit, what: tuple[Watched, ...], survey: Survey) -> Cy
         raise InputError(
             str(survey.source), blunders[0].text, f"A history learns from sound recordings only: {blunders[0].cure}"
         )
-    fit = fit_machine(machine, survey, robust=bool(stored.data.get("robust")))
+    # a cycle has runs of its own: what was in one run of the fit only is not in them
+    fit = fit_machine(machine, survey, robust=bool(stored.data.get("robust")), other_runs=True)
     usual, here = stored.data["nominal"]["rms_um"], fit.nominal.rms_um
     if usual is not None and here > max(OTHER_MACHINE_UM, OTHER_MACHINE_RATIO * usual):
         raise InputError(
