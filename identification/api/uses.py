@@ -180,6 +180,7 @@ def compensate(
     kinematics: bool = False,
     keep_alignment: bool = False,
     max_tables: int | None = None,
+    load: float | None = None,
     seed: int = 0,
     progress: Progress = silent,
 ) -> CompensationResult:
@@ -219,6 +220,8 @@ def compensate(
         Write the tables that leave least where fixtures, bed and probes are not aligned again.
     max_tables : int or None
         For controls that hold few tables: use this many at most, those that gain most.
+    load : float or None
+        Load that the tables are for, kg, where the model depends on it; None: the median of the survey's rows.
     seed : int
     progress : callable
         Called with the name of each long part; returns a context manager around it.
@@ -247,7 +250,7 @@ def compensate(
             found = stage(
                 folder, controller, points, resolution, path, probe, tool, seed, progress, reading, axes=axes,
                 invert=invert, allow_large=allow_large, kinematics=kinematics,
-                keep_alignment=keep_alignment, max_tables=max_tables,
+                keep_alignment=keep_alignment, max_tables=max_tables, load=load,
             )  # fmt: skip
         return CompensationResult(found)
 

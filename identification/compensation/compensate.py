@@ -36,7 +36,7 @@ from identification.compensation.field import Field
 from identification.compensation.findings import changed_columns, findings_of, outside
 from identification.compensation.model_uncertainty import against_model, following, judged
 from identification.compensation.notes import inch_lines, sign_lines, still_lines, survey_notes
-from identification.compensation.options import check_invert, check_most, source_of
+from identification.compensation.options import check_invert, check_most, source_of, with_load
 from identification.compensation.read_motions import known_at_tip, motion_rows, several_zeros
 from identification.compensation.reduction import aligned, leftover, reduce
 from identification.compensation.result import Compensation, Own, Stated
@@ -76,6 +76,7 @@ def compensate(
     kinematics: bool = False,
     keep_alignment: bool = False,
     max_tables: int | None = None,
+    load: float | None = None,
 ) -> Compensation:
     """Compute the tables of a controller for the machine that was fitted into `folder`.
 
@@ -95,6 +96,7 @@ def compensate(
         what remains.
     keep_alignment : whether fixtures, bed and probes are not aligned again once the tables act.
     max_tables : tables that are used at most, where the control holds few: those that gain most.
+    load : load that the tables are for, kg; None: the median of the survey's rows.
 
     Raises
     ------
@@ -112,7 +114,7 @@ def compensate(
         held = held_out(fit, table)
         if tool is not None:
             fit = replace(fit, chain=Chain(replace(fit.chain.machine, tool=tool)))
-        field = Field.of(fit, table)
+        field, of_load = with_load(Field.of(fit, table), load, table)
         if read is not None:
             field = field.of_joints(known_at_tip(folder, read))
             held = motion_rows(field, table, read)
@@ -193,7 +195,13 @@ def compensate(
         own,
         probing,
         advice,
-        (*fit.unlisted, *notes, *rotation_notes(fit.frames), *survey_notes(volume, setup, held is not None, read)),
+        (
+            *fit.unlisted,
+            *of_load,
+            *notes,
+            *rotation_notes(fit.frames),
+            *survey_notes(volume, setup, held is not None, read),
+        ),
         (*of_tools, *said),
         rotary,
         tuple(columns),
@@ -206,6 +214,7 @@ def compensate(
         ),
         tuple(scales),
         scaled_um,
+        field.state["load"] if "load" in channels else None,
     )
 
 

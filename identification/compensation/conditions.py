@@ -305,6 +305,8 @@ def state_lines(
             line += ". Load and use them on a machine that has warmed up as long as in the recording"
         elif name.startswith("T_"):
             line += ". Hold that temperature"
+        elif name == "load":
+            line += ". Write others for each load that is worked with (--load)"
         out.append(line)
     return tuple(out)
 

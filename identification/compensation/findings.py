@@ -15,6 +15,7 @@ from errormodel.channels import root
 from errormodel.effects.axis_blunder import AxisBlunder, mended_words
 from errormodel.exceptions import InputError
 from errormodel.inputs import noted
+from identification.compensation.conditions import quantity
 from identification.compensation.field import Field
 from identification.results.stored_fit import CURE
 from identification.results.versions import read_json, reason_of
@@ -82,7 +83,10 @@ def outside(findings: Collection[Found], field: Field, loose: Collection[str]) -
         if f.ids and beside.issuperset(f.ids):
             why = "it acts in the instrument or its target; if it is the machine's, this is left"
         elif f.ids and driven:
-            why = f"it changes with {' and '.join(dict.fromkeys(driven))}, which no table follows"
+            names = list(dict.fromkeys(driven))
+            at = " and ".join(quantity(name, field.state[name]) for name in names if name in field.state)
+            alone = f"; they hold it at {at} alone" if at else ""
+            why = f"it changes with {' and '.join(names)}, which no table follows{alone}"
         else:
             continue
         out.append(Outside(f.effect, f.where, f.probability, f.size_um, why))

@@ -1,16 +1,24 @@
-"""Options of a compensation that only some targets take, and the programme of those that rewrite one."""
+"""Options of a compensation that only some targets or models take, and the programme of those that rewrite one."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import numpy as np
+
+from errormodel.channels import root
 from errormodel.controllers import instead, registry
 from errormodel.controllers.base import Controller, Rewriter, Target
 from errormodel.exceptions import InputError
 from errormodel.gcode.reading import Reading
 from errormodel.inputs import noted
+from identification.compensation.field import Field
 from identification.compensation.text import COMMON_FILES
 from identification.results import manifest
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def check_invert(controller: Target, invert: bool) -> None:
@@ -26,6 +34,26 @@ def check_most(controller: Target, most: int | None) -> None:
         counted = " or ".join(n for n, k in registry().items() if issubclass(k, Controller) and k.few_tables)
         found = f"{controller.title}, of which every control holds all that are written"
         raise InputError("--max-tables", found, f"Leave it out; it is for --controller {counted}")
+
+
+def with_load(field: Field, load: float | None, table: pd.DataFrame) -> tuple[Field, tuple[str, ...]]:
+    """The machine under a load in kg, and a note where that is beyond the loads of the survey's rows (`table`).
+
+    Raises
+    ------
+    InputError
+        It is no load, or the model does not depend on one.
+    """
+    if load is None:
+        return field, ()
+    if not np.isfinite(load) or load < 0:
+        raise InputError("--load", f"{load:g} kg", "Write the load in kg, such as 12.5")
+    if "load" not in map(root, field.chain.channels):
+        found = f"{load:g} kg, where no effect of the model depends on a load"
+        raise InputError("--load", found, "Leave it out, or diagnose a survey with the column load and several loads")
+    low, high = float(table["load"].min()), float(table["load"].max())
+    beyond = f"a load of {load:g} kg lies beyond those of the survey, {low:g} to {high:g} kg"
+    return field.at({"load": load}), () if low <= load <= high else (f"{beyond}: the model is carried on unproven",)
 
 
 def source_of(controller: Target, path: Path | None, reading: Reading | None) -> tuple[str, str]:

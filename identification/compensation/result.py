@@ -85,6 +85,7 @@ class Compensation:
     outside : findings of the diagnosis that the tables do not hold.
     still : what comes first of rotary axes that the survey did not move.
     scales : scale errors that the tables do not hold, and where they are set.
+    load : load that the tables are for, kg; None: the model depends on none.
     states : state of the machine that the tables are for, and residual errors in other states.
     """
 
@@ -104,6 +105,7 @@ class Compensation:
     still: tuple[str, ...] = ()
     scales: tuple[Scale, ...] = ()
     scaled_um: float | None = None
+    load: float | None = None
 
     @property
     def usual(self) -> Stated:
@@ -172,6 +174,7 @@ class Compensation:
             "machine": self.setup.machine,
             "doubt": self.controller.doubt,
             "tool": list(self.setup.tool),
+            "load": self.load,
             "region": {a.joint: {"axis": a.name, "measured": a.measured, "travel": a.travel} for a in self.setup.axes},
             "corrects": list(self.setup.movers),
             "axes": {

@@ -26,6 +26,8 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     yield f"axes: {controller.legend(setup)}" + ("" if setup.numbers else " (others: --axes)")
     if setup.inverted:
         yield "sign: turned round (--invert)"
+    if result.load is not None:
+        yield f"load: {result.load:g} kg (another: --load)"
     for line in result.first:
         yield ""
         yield from wrap(line, TEXT_WIDTH)

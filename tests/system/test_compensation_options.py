@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from errormodel.chain import Chain
@@ -15,11 +16,12 @@ from errormodel.controllers import registry
 from errormodel.exceptions import InputError
 from errormodel.machine_file import read_machine
 from identification.compensation.conditions import Conditions, Largest
-from identification.compensation.options import check_most
+from identification.compensation.field import Field
+from identification.compensation.options import check_most, with_load
 from identification.estimation.fit import fit_machine
 from identification.results.store import save
 from tests.helpers.chains import errors
-from tests.helpers.commands import MILL, done
+from tests.helpers.commands import MILL, XYZ, done, run, write
 from tests.helpers.surveys import measured, positions, survey
 
 pytestmark = pytest.mark.usefixtures("few_poses")
@@ -89,6 +91,37 @@ def test_the_tables_that_gain_most_are_taken(fitted: Path, tmp_path: Path) -> No
     assert whole["sets"][0]["conditions"]["left_um"] < left[12]
     with pytest.raises(InputError, match="--max-tables: plain CSV grid over all axes"):
         check_most(registry()["csv"](), 3)
+
+
+def test_tables_are_for_the_load_that_is_given(fitted: Path, tmp_path: Path) -> None:
+    """They were for the median of the survey's alone: an arm's programme left 213 um at 20 kg (14 with --load)."""
+    text = (Path(__file__).resolve().parents[2] / "machines" / f"{MILL}.yaml").read_text(encoding="utf-8")
+    machine = write(
+        tmp_path / "m.yaml", f"{text}\neffects: [{{effect: payload-sag, joint: Y, motion: ea, degree: 0}}]\n"
+    )
+    truth = write(tmp_path / "t.yaml", "parameters: {Y.ea.payload-sag: 3e-6}\n")
+    done("simulate", MILL, 80, "--out", tmp_path / "s.csv")
+    poses = pd.read_csv(tmp_path / "s.csv").drop(columns=XYZ)
+    poses.assign(load=np.where(np.arange(80) < 50, 0.0, 20.0)).to_csv(tmp_path / "poses.csv", index=False)
+    how = ("--parameters", truth, "--noise", 0.001, "--out", tmp_path / "s.csv")
+    done("simulate", machine, tmp_path / "poses.csv", *how)
+    done("fit", machine, tmp_path / "s.csv", "--out", tmp_path / "fit")
+    out, usual = written(tmp_path / "fit", tmp_path / "usual", "csv", "--points", 3)
+    _, loaded = written(tmp_path / "fit", tmp_path / "loaded", "csv", "--load", 20, "--points", 3)
+    assert (usual["load"], loaded["load"]) == (0.0, 20.0)
+    assert "load: 0 kg (another: --load)" in out
+    before = [x["sets"][0]["figures"][0]["before"]["rms_um"] for x in (usual, loaded)]
+    after = [x["sets"][0]["figures"][0]["after"]["rms_um"] for x in (usual, loaded)]
+    assert before[0] < 2 < 5 < before[1]
+    assert max(after) < 1
+    of_fit = Field.without_errors(Chain(read_machine(machine)), pd.read_csv(tmp_path / "poses.csv"))
+    under, (note,) = with_load(of_fit, 50.0, pd.read_csv(tmp_path / "poses.csv"))
+    assert under.state["load"] == 50
+    assert "a load of 50 kg lies beyond those of the survey, 0 to 20 kg" in note
+    for fit, load, found in ((fitted, 20, "no effect of the model depends on a load"), (tmp_path / "fit", -1, "-1 kg")):
+        wrong = run("compensate", fit, "--controller", "csv", "--out", tmp_path / "no", "--load", load)
+        assert wrong.code == 2
+        assert found in wrong.err
 
 
 def test_do_not_load_names_the_condition_with_enough_digits() -> None:
