@@ -9,7 +9,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
-from errormodel.conventions import FRAME, MOTIONS, Motion, unit_of
+from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import Effect
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
@@ -79,6 +79,21 @@ class Whole:
         rows = self._rows(place, ids)
         curve = self.values @ rows
         return self._spread(rows[:, int(np.argmax(curve))] - rows[:, int(np.argmin(curve))])
+
+    def shift(self, place: tuple[str, Motion]) -> tuple[float, float] | None:
+        """Length of a displacement between the rows where that along one axis is extreme, mm, as `range` has of one.
+
+        None where the element is displaced along no other axis.
+        """
+        element, motion = place
+        others = [p for p in self.motions if p[0] == element and p[1] in TRANSLATIONS and p != place]
+        if motion not in TRANSLATIONS or not others:
+            return None
+        curve = self.values @ self.motions[place]
+        high, low = int(np.argmax(curve)), int(np.argmin(curve))
+        weights = np.array([self.motions[p][:, high] - self.motions[p][:, low] for p in (place, *others)])
+        vector = weights @ self.values
+        return self._spread(vector / float(np.linalg.norm(vector)) @ weights) if vector.any() else None
 
     def rms(self, place: tuple[str, Motion], ids: Sequence[str]) -> tuple[float, float]:
         """Root mean square (mm, rad) of a motion about its mean over the survey's rows, with its standard uncertainty.

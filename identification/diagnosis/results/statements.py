@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from errormodel.channels import root
-from errormodel.conventions import FRAME, INSTRUMENT, TOOL, Motion, iso_symbol, unit_of
+from errormodel.conventions import FRAME, INSTRUMENT, TOOL, TRANSLATIONS, Motion, iso_symbol, unit_of
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.effects.unnamed import Unnamed
@@ -27,6 +27,7 @@ SPOKEN = {"period", "edge", "by_edge", "at", "width", "tau"}  # shape parameters
 ONE_WAY = 0.3  # of the larger of two waves, one in the sum and one in the difference: the other is not mentioned
 LEAST_SEEN_UM = 0.01  # what is smaller is not said
 MOST_TURNS = 3  # a turn: fewer are given as a period only
+MACHINE_AXES: dict[Motion, str] = {"dx": "x", "dy": "y", "dz": "z", "ea": "x", "eb": "y", "ec": "z"}
 PLACES = {FRAME: "the measuring frame", TOOL: "the tool", INSTRUMENT: "the instrument"}
 
 
@@ -67,7 +68,8 @@ def brief_of(whole: Whole, machine: Machine) -> str:
     value = abs(whole.amounts[0].value) if _steady(whole) else whole.range(place, _own(whole, place))[0]
     factor, unit = printed(unit_of(place[1]))
     size = f"{factor * value:.{max(0, 1 - math.floor(math.log10(max(factor * value, 1e-3))))}f}"
-    return f"{name} by {size} {unit.replace('µ', 'u')} ({motion_name(place, machine)})"
+    total = f", {total}" if (total := _in_all(whole, place, sure=True)) else ""
+    return f"{name} by {size} {unit.replace('µ', 'u')} ({motion_name(place, machine)}{total})"
 
 
 def alike_of(places: Sequence[tuple[str, Motion]], machine: Machine) -> str:
@@ -94,7 +96,11 @@ def motion_name(place: tuple[str, Motion], machine: Machine) -> str:
     element, motion = place
     if element in {j.name for j in machine.joints}:
         return iso_symbol(element, motion)
-    return f"{motion} of {element if element in {s.name for s in machine.shapes} else PLACES.get(element, element)}"
+    if element in {s.name for s in machine.shapes}:
+        return f"{motion} of {element}"
+    # it may be turned against the machine, in whose axes it is moved
+    axes = f" {'along' if motion in TRANSLATIONS else 'about'} {MACHINE_AXES[motion]} of the machine"
+    return f"{motion} of {PLACES.get(element, element)}{axes if element == FRAME else ''}"
 
 
 def position(joint: Joint | None, value: float) -> str:
@@ -217,7 +223,9 @@ def _figures(whole: Whole, machine: Machine) -> Iterator[str]:
             usual = _undetermined(whole)
         elif sign := main.meaning_of_sign([a.value for a in whole.amounts]) if not any(other) else "":
             usual = f", {sign}"
-        yield f"moves {' and '.join(moves)} peak to peak over the rows{_further(whole, other, shown, machine)}{usual}"
+        total = f", {total}," if (total := _in_all(whole, ranked[0])) else ""
+        further = _further(whole, other, shown, machine)
+        yield f"moves {' and '.join(moves)}{total} peak to peak over the rows{further}{usual}"
 
 
 def _further(whole: Whole, other: Sequence[bool], shown: Sequence[tuple[str, Motion]], machine: Machine) -> str:
@@ -238,6 +246,15 @@ def _further(whole: Whole, other: Sequence[bool], shown: Sequence[tuple[str, Mot
     if shown and _own(whole, shown[0]) is not None:
         both = f" ({plus_minus(*whole.range(shown[0]), unit_of(shown[0][1]))} with {'them' if terms > 1 else 'it'})"
     return words + refining + also + both
+
+
+def _in_all(whole: Whole, place: tuple[str, Motion], sure: bool = False) -> str:
+    """How far the measuring frame was moved along all axes together, where it was along several; else empty.
+
+    `sure`: without its standard uncertainty.
+    """
+    shift = whole.shift(place) if place[0] == FRAME else None
+    return f"in all by {plus_minus(shift[0], 0.0 if sure else shift[1], 'mm')}" if shift else ""
 
 
 def _own(whole: Whole, place: tuple[str, Motion]) -> list[str] | None:
