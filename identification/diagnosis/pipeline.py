@@ -83,6 +83,7 @@ from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.together import together
 from identification.estimation.checks import check_declared, check_readings, noise_notes
 from identification.estimation.fit import fit_if_possible, fit_machine
+from identification.estimation.large_scales import large_scales
 from identification.estimation.result import Fit
 from identification.observation.normal_equations import design_rows
 from identification.results.terminal import counted
@@ -215,6 +216,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         (
             *final.notes,
             *noise_notes(mended),
+            *large_scales(final),
             *station_notes(final, log),
             *unusable,
             *contrary_sides(survey, log),

@@ -17,6 +17,7 @@ from errormodel.exceptions import InputError, nearest
 from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.survey import Survey
 from errormodel.surveys.observations import observed
+from identification.estimation.large_scales import large_scales
 from identification.estimation.least_squares import Solution, identifiable
 from identification.estimation.motions import MotionErrors
 from identification.estimation.readings import ReadingErrors
@@ -121,8 +122,11 @@ def looked_over(fit: Fit) -> Fit:
         raise InputError(str(fit.survey.source), found, "Measure all over the travels, as `errormodel plan` says")
     fit = replace(
         fit,
-        notes=(*fit.notes, *noise_notes(fit), *_of_instrument(fit), *contradictions(fit), *_beside(fit), *_wild(fit)),
-    )
+        notes=(
+            *fit.notes, *noise_notes(fit), *_of_instrument(fit), *contradictions(fit), *_beside(fit), *_wild(fit),
+            *large_scales(fit),
+        ),
+    )  # fmt: skip
     volumetric = any(v.of_tool for v in fit.problem.views)  # who reads one joint means no other
     lost = out_of_reach(fit.problem, fit.solution)[1] if volumetric else []
     if not lost:

@@ -6,6 +6,7 @@ starts: a robust place, so that wrong readings stand out.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -42,6 +43,7 @@ class Lengths:
     wild : (k,) places of the readings that lie far off.
     exchanged : pairs of places of readings that fit in each other's place.
     starts : set-ups that are off by the same amount in all their readings.
+    long : whether they are lengths of something, and no displacements across a line (straightness).
     """
 
     label: str
@@ -50,6 +52,7 @@ class Lengths:
     wild: Index
     exchanged: tuple[tuple[int, int], ...]
     starts: tuple[WrongStart, ...] = ()
+    long: bool = True
 
     @property
     def far_mm(self) -> float:
@@ -68,7 +71,8 @@ def lengths_of(chain: Chain, views: Sequence[View]) -> list[Lengths]:
         wild = np.flatnonzero(np.abs(gap) > max(WILD * usual, WILD_FROM * chain.size))
         nominal = view.measured - gap
         exchanged = _exchanged(view.measured, nominal, wild, usual, chain)
-        out.append(Lengths(view.label, view.index, gap, wild, exchanged, wrong_starts(view, gap)))
+        starts, long = wrong_starts(view, gap), not view.observation.along_line
+        out.append(Lengths(view.label, view.index, gap, wild, exchanged, starts, long))
     return out
 
 
@@ -125,11 +129,15 @@ def refuse_minority(survey: Survey, fit: Fit) -> None:
 
 def length_lines(survey: Survey, lengths: Sequence[Lengths]) -> Iterator[str]:
     """How the lengths lie beside those of a machine without errors."""
+    views = Counter(own.label for own in lengths)
     for own in lengths:
         um = 1e3 * np.abs(own.gap)
-        text = f"{own.label}: {len(um)} lengths, {np.sqrt(np.mean(um**2)):.3g} um rms (median {np.median(um):.3g} um, "
+        run = survey.table["run"].iloc[own.index[0]]
+        which = f"{own.label}, run {run}" if views[own.label] > 1 else own.label  # a set-up of its own in each run
+        what = f"{len(um)} {'lengths' if own.long else 'readings'}"
+        text = f"{which}: {what}, {np.sqrt(np.mean(um**2)):.3g} um rms (median {np.median(um):.3g} um, "
         text += f"largest {um.max():.3g} um) from a machine without errors"
-        if len(um) >= ONE_WAY and abs(np.sign(own.gap).sum()) >= 0.9 * len(um):
+        if own.long and len(um) >= ONE_WAY and abs(np.sign(own.gap).sum()) >= 0.9 * len(um):
             way = "long" if np.median(own.gap) > 0 else "short"
             text += f"; nearly all of them too {way}: a scale, or the known length is wrong"
         if len(own.wild):
