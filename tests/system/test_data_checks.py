@@ -385,19 +385,6 @@ def test_units_of_time_and_temperature_that_look_wrong_are_noted() -> None:
     assert not said(T_hotend=75.0)
 
 
-def test_one_temperature_in_fahrenheit_beside_another_is_noted() -> None:
-    """68.9 to 74.9 "degC" beside a twin of 20.5 to 24.7: it followed it in degF; a motor and a heater do not."""
-    time = honest("bridge_cmm").table["time"].to_numpy()
-    course = np.linspace(0, 1, len(time))
-    room = 20.5 + 4 * course + 0.02 * np.cos(7 * np.arange(len(time)))
-    other = room - 0.8 * course + 0.02 * np.sin(5 * np.arange(len(time)))
-    [note] = said(T_a=room, T_b=1.8 * other + 32)
-    assert re.search(r"T_b of 69 to 75 degC; in degF .* from T_a .* write units: \{T_b: degF\}", note)
-    motor = 70 + 3 * np.sin(time / 600)
-    for warm in (50 + room, 70.0, motor, 60 + 15 * (1 - np.exp(-3 * course))):
-        assert not said(T_a=room, T_motor=warm)
-
-
 def test_a_side_of_arrival_against_the_order_of_the_rows() -> None:
     survey = honest("vertical_three_axis")
     right = survey.table.assign(dir_X=direction(survey.table, "X"))

@@ -23,7 +23,7 @@ from identification.monitoring.control_limits import USEFUL_CYCLES
 from identification.monitoring.history import Record, opened
 from identification.monitoring.quantities import NOISE_ID, Cycle, measured, watched
 from identification.results import store
-from tests.helpers.commands import MILL, Done, Fill, done, run, tree, write
+from tests.helpers.commands import MILL, Done, Fill, done, run, tree
 from tests.helpers.pages import Page
 
 GANTRY = """errormodel: 1
@@ -211,24 +211,6 @@ def test_rows_in_another_order_than_that_of_time_are_no_jump_of_the_clock(folder
 def test_runs_may_be_labelled_otherwise(folder):
     out = monitor(folder, cycle_table(72).assign(run="tuesday")).out
     assert "not shown" not in out
-
-
-def test_an_effect_of_one_run_is_not_there_in_cycles_of_others(tmp_path):
-    """All such cycles were refused, "a run that no fitted row is of"; a fit of them still is."""
-    own = write(
-        tmp_path / "m.yaml", f"{GANTRY}effects: [{{effect: compensation-active, joint: X, points: 3, run: on}}]\n"
-    )
-    plain = write(tmp_path / "plain.yaml", GANTRY)
-    done("simulate", plain, 90, "--noise", 0.002, "--out", tmp_path / "simulated.csv")
-    table = pd.read_csv(tmp_path / "simulated.csv")
-    write_csv(table.assign(run=np.where(np.arange(90) < 45, "off", "on")), tmp_path / "s.csv")
-    done("fit", own, tmp_path / "s.csv", "--out", tmp_path / "fit")
-    for number in (1, 2):
-        result = monitor(tmp_path / "fit", table.iloc[number::2].assign(run="off"), name=f"{number}.csv")
-        assert result.code == 0
-        assert "not shown by this cycle: 3 of" in result.out
-        assert "(X.dx.compensation-active-0, X.dx.compensation-active-1, X.dx.compensation-active-2)" in result.out
-    assert "a run that no fitted row is of" in run("fit", own, tmp_path / "1.csv", "--out", tmp_path / "no").err
 
 
 def test_words_lead_to_the_cause(tmp_path):

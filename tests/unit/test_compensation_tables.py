@@ -17,7 +17,7 @@ from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import library, read_machine
 from identification.compensation import reduction
-from identification.compensation.advice import Advice, mechanical_advice, scale_advice
+from identification.compensation.advice import mechanical_advice, scale_advice
 from identification.compensation.assessment import Error, assess, emulated, fresh_rows, nothing, remaining
 from identification.compensation.conditions import richer
 from identification.compensation.designs import Designs
@@ -270,33 +270,6 @@ def test_a_twisted_bed_is_advised_to_be_levelled() -> None:
     found = mechanical_advice(volume_of(machine, chain.vector({"X.ea.1": 60e-6})), 10.0)
     advice = next(a for a in found if "twist along X" in a.what)
     assert advice.angle == pytest.approx(120e-6, rel=0.02)  # from one end to the other
-
-
-@pytest.mark.parametrize(("name", "what"), [("T1.ec", []), ("T2.ec", ["squareness of Y against X"])])
-def test_a_rotary_axis_that_lies_askew_is_no_twisted_bed(name: str, what: list[str]) -> None:
-    """Over the positions of a table B a squareness turns with it: a twist of -103 urad was to be levelled away."""
-    machine = read_machine("five_axis_table_quill")
-    found = mechanical_advice(volume_of(machine, Chain(machine).vector({name: 80e-6})), 20.0)
-    assert [a.what.split(" (")[0] for a in found] == what
-
-
-def test_only_what_clearly_exceeds_its_uncertainty_is_advised(tmp_path: Path) -> None:
-    """The same squareness, measured well and badly: its uncertainty covers it, and grows with the noise."""
-    machine = read_machine(MILL)
-    p = Chain(machine).vector({"saddle.ec": 80e-6})
-
-    def advised(noise: float) -> list[Advice]:
-        save(fit_machine(machine, survey(positions(measured(machine, p, 60, 1, noise=noise)))), tmp_path / f"{noise}")
-        fit = load(tmp_path / f"{noise}")
-        table = read_rows(tmp_path / f"{noise}", fit.chain.machine)
-        return mechanical_advice(Volume.of(Field.of(fit, table), table, True), 20.0, fit)
-
-    (well,) = advised(2 * UM)
-    assert "Y against X" in well.what
-    assert abs(abs(well.angle) - 80e-6) < 3 * well.std
-    assert 0.5e-6 < well.std < 5e-6
-    assert f" +- {1e6 * well.std:.2g} urad" in well.line()
-    assert advised(200 * UM) == []
 
 
 def test_levels_are_states_that_were_there() -> None:

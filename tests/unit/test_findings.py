@@ -37,7 +37,6 @@ from identification.diagnosis.results.headline import headline
 from identification.diagnosis.results.statements import (
     alike_of,
     brief_of,
-    motion_name,
     next_measurement,
     period_of,
     statement_of,
@@ -207,25 +206,6 @@ def test_causes_in_words() -> None:
     assert causes([table]) == "X and runs 3, 4"
     lagged = made("structure-drift", element="T1", motion="dx", sensor="T_bed", tau=7200.0)
     assert causes([lagged]) == "T_bed behind a lag of 2 h"
-
-
-def test_a_shift_of_the_frame_is_along_the_machines_axes_and_in_all() -> None:
-    """88 um were said of 99, "dx of the measuring frame", whose own axes were turned by 37 degrees."""
-    shift = [0.08, -0.03, 0.02]
-    middle = float(battery.table("gantry")["time"].median())
-    found = whole(battery.GANTRY, [made("station-shift", at=middle, turned=False)], shift)
-    value, std = found.shift(("frame", "dx")) or (0.0, 0.0)
-    assert abs(value - np.linalg.norm(shift)) < 4 * std < 0.02
-    total = r"in all by 8[78]\.\d+"  # the length of the shift, 87.7 um
-    axis = "dx of the measuring frame along x of the machine"
-    said = statement_of(found, battery.GANTRY, 0.0, 0.95, [])
-    assert re.search(rf"moves {axis} by [\d.]+ \+- [\d.]+ um, {total} \+- [\d.]+ um, peak to peak", said), said
-    assert re.search(
-        rf"station-shift of the measuring frame by \d+ um \({axis}, {total} um\)", brief_of(found, battery.GANTRY)
-    )
-    assert motion_name(("frame", "eb"), battery.GANTRY) == "eb of the measuring frame about y of the machine"
-    alone = whole(battery.GANTRY, [made("backlash", joint="X")], [0.02])
-    assert "in all" not in statement_of(alone, battery.GANTRY, 0.0, 0.95, [])
 
 
 def test_what_cannot_be_told_apart_is_named() -> None:
