@@ -35,7 +35,7 @@ from identification.compensation.designs import Designs
 from identification.compensation.field import Field
 from identification.compensation.findings import changed_columns, findings_of, outside
 from identification.compensation.model_uncertainty import against_model, following, judged
-from identification.compensation.notes import inch_lines, sign_lines, still_lines, survey_notes
+from identification.compensation.notes import first_lines, survey_notes
 from identification.compensation.options import check_invert, check_most, source_of, with_load
 from identification.compensation.read_motions import known_at_tip, motion_rows, several_zeros
 from identification.compensation.reduction import aligned, leftover, reduce
@@ -207,11 +207,7 @@ def compensate(
         tuple(columns),
         unconfirmed,
         tuple(outside(found, field, loose)),
-        (
-            *inch_lines(bool(fit.data.get("inches")) and isinstance(controller, Controller)),
-            *still_lines(setup, read),
-            *sign_lines(fit),
-        ),
+        first_lines(fit, setup, read, isinstance(controller, Controller)),
         tuple(scales),
         scaled_um,
         field.state["load"] if "load" in channels else None,

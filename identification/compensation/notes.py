@@ -12,6 +12,13 @@ from identification.compensation.volume import Volume
 from identification.results.stored_fit import StoredFit
 
 
+def first_lines(
+    fit: StoredFit, setup: Setup, read: Mapping[str, Sequence[str]] | None, loaded: bool
+) -> tuple[str, ...]:
+    """What comes before all else in a checklist; `loaded`: whether a control's own file is written."""
+    return (*inch_lines(bool(fit.data.get("inches")) and loaded), *still_lines(setup, read), *sign_lines(fit))
+
+
 def inch_lines(inches: bool) -> list[str]:
     """What comes first of a machine whose file counts in inches: files of all controllers are metric."""
     if not inches:
