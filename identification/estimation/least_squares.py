@@ -188,7 +188,7 @@ class Solver:
         sound = groups if groups.condition < WELL_CONDITIONED else find_groups(*seen, least=1 / WELL_CONDITIONED)
         beforehand, within = self.precision, np.inf
         whole = of_its_size(self.chain, self.views, self.unknowns, seen[2])
-        self.first_noise(start, sound, whole)
+        self.first_noise(start, sound.base, whole)
         floors = floors_of(self.chain, self.views, start, self.sigma, self.each)
         for _ in range(MOST_RETREATS):
             if not (floors.direction < groups.margin.direction and floors.lever < groups.margin.lever):
@@ -267,15 +267,14 @@ class Solver:
         )
         return bool((left > 1e-9 * np.diag(gram)[others] + 1e-300).any())
 
-    def first_noise(self, sums: dict[Kind, Sums], groups: Groups, whole: Array) -> None:
+    def first_noise(self, sums: dict[Kind, Sums], base: Index, whole: Array) -> None:
         """Noise levels of the first step; `whole` as of `of_its_size`.
 
         A step beyond every machine may leave nothing: all commands to one ball fit one whose axes stand still. The
         noise is then that beside error motions of physical size.
         """
-        self.update_noise(sums, groups)
+        self.update_noise(sums, base)
         gram, slope = self.total(sums)
-        base = groups.base
         step = scaled_solve(gram[np.ix_(base, base)], slope[base])
         if (np.sqrt(whole[base]) * np.abs(step)).max(initial=0.0) <= IMPLAUSIBLE_SHARE:
             return
@@ -283,7 +282,7 @@ class Solver:
         self.precision = beforehand + whole / IMPLAUSIBLE_SHARE**2
         self.sigma |= {kind: 1.0 for kind in sums if kind not in self.known}
         for _ in range(FIRST_NOISE_ROUNDS):
-            self.update_noise(sums, groups)
+            self.update_noise(sums, base)
         self.precision = beforehand
 
     def round_off(self) -> float:
