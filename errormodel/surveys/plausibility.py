@@ -114,8 +114,9 @@ def _one_in_fahrenheit(read: pd.DataFrame) -> str | None:
     """
     least, most = _SHOP_TEMPERATURES["degF"]
     middle, changes = read.median(), read.std(ddof=0)
-    for name in (n for n in read if least < middle[n] < most):
-        near = [n for n in read if _ROOM_DEGC[0] < middle[n] < _ROOM_DEGC[1] and changes[n] > _CHANGES]
+    names = [str(n) for n in read]
+    for name in (n for n in names if least < middle[n] < most):
+        near = [n for n in names if _ROOM_DEGC[0] < middle[n] < _ROOM_DEGC[1] and changes[n] > _CHANGES]
         off = {n: (read[name] - 32) / 1.8 - read[n] for n in near}
         by = {n: float(o.std(ddof=0)) for n, o in off.items() if abs(o.median()) < _BETWEEN_MEMBERS}
         if not by:
