@@ -114,8 +114,8 @@ def _best_of_searches(
         value = other.log_posterior
         # near-ties go to the model that rests half as much on empirical terms, or else to the likelier of named ones
         forms, before = empirical_evidence(other), empirical_evidence(best)
-        if len(other.findings) > len(best.findings) and _unnamed(other) >= _unnamed(best):
-            least = most + DETECT + float(np.log(len(candidates.of_key)))  # a further one is detected as in a search
+        if _adds_a_name(other, best):
+            least = most + DETECT + float(np.log(len(candidates.of_key)))  # it is detected as in a search
         elif 2 * forms + CLEARLY <= before:
             least = most - CLEARLY
         else:
@@ -169,9 +169,11 @@ def _searched_from(
     return steps
 
 
-def _unnamed(model: EffectModel) -> int:
-    """How many findings have no name."""
-    return sum(main.effect.empirical for main, *_ in model.findings)
+def _adds_a_name(other: EffectModel, model: EffectModel) -> bool:
+    """Whether a model has one finding more, neither in an unnamed one's place nor a refinement made a finding."""
+    unnamed, before = (sum(main.effect.empirical for main, *_ in m.findings) for m in (other, model))
+    more = len(other.findings) > len(model.findings) and unnamed >= before
+    return more and _keys(other.steps) != _keys(model.steps)
 
 
 def empirical_evidence(model: EffectModel) -> float:
