@@ -22,7 +22,7 @@ from errormodel.machine import Machine, Shape, Vector
 # standard deviation in rad by polynomial degree; degrees 2 and 3 because feet and floor stiffen under load
 TILT_SIZES_RAD = {1: 3e-5, 2: 1e-5, 3: 1e-5}
 MOMENT_RAD_MM = 1e-7  # the same a mm of a weight's lever: 50 N on 5e8 N mm/rad
-UPRIGHT_Z = 2.2  # log odds that z is upright: nine machines of ten
+UPRIGHT_Z = 0.7  # log odds that z is upright: two machines of three, for it is the spindle's axis (ISO 841)
 UPRIGHT: Mapping[str, Vector] = {"-x": (1.0, 0.0, 0.0), "-y": (0.0, 1.0, 0.0), "-z": (0.0, 0.0, 1.0)}
 
 

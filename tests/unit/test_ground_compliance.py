@@ -50,4 +50,4 @@ def test_what_travels_up_and_down_tilts_no_ground() -> None:
     scene = Scene(mill, {j.name: np.linspace(*j.travel, 9) for j in mill.joints})
     level, upright = (GroundCompliance(joint=name) for name in ("X", "Z"))
     assert level.cost(scene) == GroundCompliance(joint="X", by="Y").cost(scene) == 0.0
-    assert upright.cost(scene) == GroundCompliance(joint="X", by="Z").cost(scene) > 2.0
+    assert upright.cost(scene) == GroundCompliance(joint="X", by="Z").cost(scene) > 0.5
