@@ -6,6 +6,16 @@ from errormodel import machine_file as schema
 from errormodel import yamlfile
 from errormodel.machine import Machine
 
+GANTRY = """errormodel: 1
+name: Small H-gantry
+chain:
+  - {joint: Y, type: prismatic, axis: y, travel: [-350, 50]}
+  - {shape: beam}
+  - {joint: X, type: prismatic, axis: x, travel: [-300, 300]}
+errors:
+  shapes: none
+  joints: {Y: {polynomial: 1}, X: none}
+"""
 EXAMPLE = """\
 errormodel: 1
 name: Horizontal machining centre with rotary table and quill

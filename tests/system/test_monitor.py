@@ -24,18 +24,9 @@ from identification.monitoring.history import Record, opened
 from identification.monitoring.quantities import NOISE_ID, Cycle, measured, watched
 from identification.results import store
 from tests.helpers.commands import MILL, Done, Fill, done, run, tree
+from tests.helpers.machine_files import GANTRY
 from tests.helpers.pages import Page
 
-GANTRY = """errormodel: 1
-name: Small H-gantry
-chain:
-  - {joint: Y, type: prismatic, axis: y, travel: [-350, 50]}
-  - {shape: beam}
-  - {joint: X, type: prismatic, axis: x, travel: [-300, 300]}
-errors:
-  shapes: none
-  joints: {Y: {polynomial: 1}, X: none}
-"""
 SCATTER = {"dy": 5e-3, "ea": 1e-4, "ec": 1.8e-5}  # mm, rad, of a reading
 STEADY = {"dy": 0.028, "ea": 3.5e-4, "ec": 6.4e-5}
 

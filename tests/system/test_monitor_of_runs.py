@@ -9,17 +9,7 @@ import pandas as pd
 
 from errormodel.files import write_csv
 from tests.helpers.commands import done, run, write
-
-GANTRY = """errormodel: 1
-name: Small H-gantry
-chain:
-  - {joint: Y, type: prismatic, axis: y, travel: [-350, 50]}
-  - {shape: beam}
-  - {joint: X, type: prismatic, axis: x, travel: [-300, 300]}
-errors:
-  shapes: none
-  joints: {Y: {polynomial: 1}, X: none}
-"""
+from tests.helpers.machine_files import GANTRY
 
 
 def test_an_effect_of_one_run_is_not_there_in_cycles_of_others(tmp_path: Path) -> None:
