@@ -16,7 +16,7 @@ from errormodel.channels import POINTS
 from errormodel.exceptions import InputError, nearest
 from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.survey import Survey
-from errormodel.surveys.observations import observed
+from errormodel.surveys.observations import groups, observed
 from identification.estimation.large_scales import large_scales
 from identification.estimation.least_squares import Solution, identifiable
 from identification.estimation.motions import MotionErrors
@@ -239,6 +239,7 @@ def noise_notes(fit: Fit) -> Iterator[str]:
                 f"noise of a reading of {1e6 * sigma:.2g} nm, {kind}: no instrument repeats to that. Check the unit of "
                 "the readings (units of survey.yaml)"
             )
+    yield from _far_within_declared(fit)
     if not fit.declared or s.dof <= 0 or s.chi2 <= 0:
         return
     from scipy.special import chdtr
@@ -256,6 +257,25 @@ def noise_notes(fit: Fit) -> Iterator[str]:
             f"{_seen(fit, ratio)}the declared uncertainty is {1 / ratio:.3g} times as large as the residuals show, and "
             f"standard uncertainties follow what is declared.{unit}"
         )
+
+
+def _far_within_declared(fit: Fit) -> Iterator[str]:
+    """Notes on observations whose readings lie far closer to the fit than their declared uncertainty lets them."""
+    own: dict[str, list[Array]] = {}
+    if fit.readings is None:
+        return
+    for group in groups(fit.survey.table, fit.survey.observations):
+        if group.sigma is not None:
+            own.setdefault(group.label, []).append(fit.readings.fitted[group.index] / group.sigma)
+    for label, parts in own.items():
+        all_of = np.concatenate(parts)
+        size = float(np.sqrt(np.nanmean(np.square(all_of)))) if np.isfinite(all_of).sum() > FEW_DOF else 1.0
+        if size < 1 / WRONG_UNIT_FACTOR:
+            yield (
+                f"readings of {label} lie within {size:.1g} of their declared standard uncertainty of the fit: they "
+                "hardly change, in the unit that is assumed (mm, rad). Check the unit of the readings (units of "
+                "survey.yaml), or of sigma"
+            )
 
 
 def times_usual(fit: Fit) -> float:
