@@ -21,11 +21,11 @@ from errormodel.location_errors import LINE_TARGETS, squareness
 from identification.compensation.assessment import Correct
 from identification.compensation.model_uncertainty import sensitivities_at
 from identification.compensation.volume import Volume, best_frame
+from identification.estimation.estimate import Estimate
 from identification.results.stored_fit import StoredFit
 
 LEAST_EFFECT_UM = 5.0  # um over the volume: smaller effects are not listed; by judgement
 LEAST_EFFECT_SHARE = 0.2  # of the RMS error before compensation: smaller effects are not listed; by judgement
-CLEARLY = 3.0  # standard uncertainties, 99.7 % of a normal distribution, that an error must exceed to be adjusted
 
 
 @dataclass(frozen=True)
@@ -80,21 +80,9 @@ def _beside(std: float) -> str:
     return f" +- {std:.2g}" if std else ""
 
 
-@dataclass(frozen=True)
-class Uncertain:
-    """A number that follows from actual positions, and its standard uncertainty."""
-
-    value: float
-    std: float
-
-    @property
-    def clear(self) -> bool:
-        return abs(self.value) > CLEARLY * self.std
-
-
 def _by_points(
     volume: Volume, q: Array, came: Array, number: Callable[[Array], float], fit: StoredFit | None
-) -> Uncertain:
+) -> Estimate:
     """A number of actual positions (n, 3), and its standard uncertainty by all parameters of the fit.
 
     What was identified counts with its covariance, what was not with its plausible size, as in predictions.
@@ -102,7 +90,7 @@ def _by_points(
     actual = volume.field.actual(q, came)
     value = number(actual)
     if fit is None:
-        return Uncertain(value, 0.0)
+        return Estimate(value, 0.0)
     found = sensitivities_at(fit, volume.field, q, came, [(1.0, None)])
 
     def changes(columns: Array) -> Array:
@@ -111,7 +99,7 @@ def _by_points(
     sizes = np.sqrt(np.diag(found.covariance))
     by_base = changes(found.base * sizes) / np.where(sizes > 0, sizes, 1.0)
     variance = by_base @ found.covariance @ by_base + np.sum(changes(found.unseen) ** 2)
-    return Uncertain(value, float(np.sqrt(variance)))
+    return Estimate(value, float(np.sqrt(variance)))
 
 
 def scale_advice(volume: Volume, setup: Setup, target: Target, fit: StoredFit | None = None) -> list[Scale]:
@@ -135,7 +123,7 @@ def scale_advice(volume: Volume, setup: Setup, target: Target, fit: StoredFit | 
         axis = next(a.name for a in setup.axes if a.joint == joint.name)
         # an axis that goes too far wants fewer steps a mm, which is a longer distance a turn
         words = target.scale_setting.format(axis=axis, lower=axis.lower(), steps=1 / (1 + scale), distance=1 + scale)
-        if effect >= LEAST_EFFECT_UM and found.clear:
+        if effect >= LEAST_EFFECT_UM and found.significant:
             out.append(Scale(joint.name, scale, effect, words, found.std))
     return sorted(out, key=lambda found: -found.effect_um)
 
@@ -165,7 +153,7 @@ def mechanical_advice(volume: Volume, before_um: float, fit: StoredFit | None = 
     # where error motions were measured joint by joint, the slope of a straightness is that of the straightedge
     found = [*(_squareness(volume, fit) if volume.turns else ()), *_twist(volume, fit)]
     least = max(LEAST_EFFECT_UM, LEAST_EFFECT_SHARE * before_um)
-    kept = (a for a in found if a.effect_um >= least and Uncertain(a.angle, a.std).clear)
+    kept = (a for a in found if a.effect_um >= least and Estimate(a.angle, a.std).significant)
     return sorted(kept, key=lambda a: -a.effect_um)
 
 

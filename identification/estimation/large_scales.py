@@ -7,15 +7,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from errormodel.conventions import TRANSLATIONS
+from identification.estimation.estimate import Estimate
 from identification.estimation.result import Fit
 
 # mm a mm: the coarsest screws of ISO 3408-3 (grade 10) are off by 210 um in 300 mm. Aluminium does so by 30 K
 LARGEST_SCALE = 0.21 / 300
-CLEARLY = 3.0  # standard uncertainties beyond that
 
 
 def large_scales(fit: Fit) -> Iterator[str]:
-    """A note for each linear joint along x, y or z whose scale is clearly beyond `LARGEST_SCALE`.
+    """A note for each linear joint along x, y or z whose scale is significantly beyond `LARGEST_SCALE`.
 
     By the parameter of first order of its own positioning error, where that is identified as one of the joint alone.
     """
@@ -34,10 +34,11 @@ def large_scales(fit: Fit) -> Iterator[str]:
         # a Legendre polynomial is 1 at the end of the travel, in mm; a slope is a scale
         per = 1.0 if fit.chain.parameters[fit.chain.index[name]].unit == "1" else 2 / float(np.ptp(joint.travel))
         scale = per * float(s.values[s.groups.base[k]]) * float(joint.axis[int(np.argmax(axis))])
-        if abs(scale) - CLEARLY * per * float(std[k]) > LARGEST_SCALE:
+        beyond = Estimate(abs(scale) - LARGEST_SCALE, per * float(std[k]))
+        if beyond.value > 0 and beyond.significant:
             yield (
                 f"{joint.name} goes {1e3 * abs(scale):.3g} mm too {'far' if scale > 0 else 'short'} in a metre "
-                f"(+- {1e3 * per * std[k]:.2g}), more than the coarsest screws do ({1e3 * LARGEST_SCALE:.1g} mm): look "
+                f"(+- {1e3 * beyond.std:.2g}), more than the coarsest screws do ({1e3 * LARGEST_SCALE:.1g} mm): look "
                 f"for a gear ratio, a pitch or steps a mm that are set wrong, for another unit of {joint.name} or of "
                 "the readings, or for axes or a scale (an encoder, a reference) far from 20 degC"
             )
