@@ -52,7 +52,7 @@ LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
     "unmoved": ((_FORWARD, "NEAR", -1.0),),
     "empirical-lead": ((_SEARCH + "scoring", "CLEARLY", 0.0),),
     "line-of-sight": (("identification.diagnosis.extension", "tracker_noise", _none),),
-    "second-cause": ((_COMPARED, "_second_causes", _nothing),),
+    "second-cause": ((_COMPARED, "_second_causes", _nothing), (_COMPARED, "_two_names", _nothing)),
     "model-cross-validation": ((_COMPARED, "NO_WORSE", FOREVER),),
     "prediction-made-worse": (("identification.diagnosis.extension", "NO_WORSE", FOREVER),),
     "wanders-instead": (("identification.diagnosis.extension", "without_wanderers", _same),),

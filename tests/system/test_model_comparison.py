@@ -177,6 +177,31 @@ def test_two_effects_of_one_joint_hide_in_each_other() -> None:
     }
 
 
+def test_two_names_are_found_together_that_a_curve_explains_at_once() -> None:
+    """A wave of a rail and a dent in it: the wave that alone explains most is another one, which leaves no dent."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=False, grid=False)
+    wave = EffectSpec("rail-waviness", {"joint": "X", "motion": "dz", "period": 260.0})
+    dent = EffectSpec("local-defect", {"joint": "X", "motion": "dz", "at": 150.0, "width": 60.0})
+    shown = showing(survey, machine, [(wave, [0.01, 0.003]), (dent, [0.02])], 0.003)
+    linear = set_up(fit_machine(machine, shown))
+    candidates = Candidates.of(linear)
+    selected = forward_select(linear, candidates)
+    assert [main.effect.effect for main, *_ in selected.findings] == ["higher-order-geometry"]
+    log = DecisionLog()
+    compared, _ = compare_alternatives(selected, candidates, log=log)
+    found = {main.effect.effect: main.effect for main, *_ in compared.findings}
+    assert set(found) == {"rail-waviness", "local-defect"}
+    assert compared.log_posterior > selected.log_posterior
+    assert abs(vars(found["rail-waviness"])["period"] - 260) < 10
+    assert abs(vars(found["local-defect"])["at"] - 150) < 10
+    first, *_ = (d for d in log if d.rule == "second-cause")
+    assert {first.effect, first.compared_with.split("@")[0]} == set(found)
+    # each is as likely beforehand as among all candidates
+    names, places = len(candidates.places), [candidates.places[e] for e in sorted(found)]
+    assert sorted(s.log_prior for s in compared.steps) == sorted(-np.log(names * n) for n in places)
+
+
 def test_another_name_is_as_likely_as_a_whole_model_with_it() -> None:
     """Play that grows along the travel: equal play departs from it, by what a search would have to find."""
     machine = read_machine("vertical_three_axis")

@@ -249,7 +249,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "second-cause": Rule(
             COMPARISON, EVIDENCE,
-            "It is repeated with a second cause where refinements of a finding have much evidence.",
+            "It is repeated with a second cause, or two, where refinements or a curve have much evidence.",
             _decided("LITTLE", "LEAST_EVIDENCE", "MUCH"),
         ),
         "search-from": Rule(COMPARISON, "", "An effect that a repeated search begins with."),

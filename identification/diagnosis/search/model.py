@@ -47,8 +47,8 @@ class EffectModel:
         effects = [s.effect for s in self.steps]
         linear, total = self.start, 0.0
         for curve in (e for e in effects if e.random):
-            total += linear.random(linear.columns(curve)[0]).best()[1]
-            linear = linear.with_effect(curve)
+            [(_, evidence)] = coloured.evidence(linear, [[curve]])
+            total, linear = total + evidence, linear.with_effect(curve)
         # named effects first: the first one's prior sizes are used
         if rest := sorted((e for e in effects if not e.random), key=lambda e: e.empirical):
             [(_, evidence)] = coloured.evidence(linear, [rest])

@@ -3,7 +3,8 @@
 Forward selection is greedy: two effects together can look most like a third one, whose refinements then take up the
 rest. The search is therefore repeated from each strong alternative of a finding that needed refinements, or that would
 itself need some, and from a second cause where much of a finding was taken for its discrepancy. The model with the most
-evidence is kept, and what the others have tells how likely another name is.
+evidence is kept, and what the others have tells how likely another name is. Two names together are tried where a curve
+may be what both do.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from identification.diagnosis.search.conditional_evidence import MOST_EXAMINED
 from identification.diagnosis.search.criteria import heldout_rms, one_sensor
 from identification.diagnosis.search.forward_selection import MOST_STEPS, forward_select
 from identification.diagnosis.search.model import EffectModel, replayed, steps_of
+from identification.diagnosis.search.name_pairs import likeliest_two
 from identification.diagnosis.search.refinement import apart, distinct
 from identification.diagnosis.search.scoring import DETECT, Step, choose
 from identification.diagnosis.search.shape_fit import optimise_shapes
@@ -53,7 +55,8 @@ def compare_alternatives(
     others : steps from which to search as well.
     looked : of findings that the first search compared with others, what was fitted of them then (`reselect`).
     """
-    begin = [*_alternatives(model, log), *_second_causes(model, candidates, log), *others]
+    begin = [*_alternatives(model, log), *_second_causes(model, candidates, log), *_two_names(model, candidates, log)]
+    begin += others
     best, found = _best_of_searches(model, begin, 1, candidates, progress, log, looked)
     if best is not model:  # it has alternatives of its own
         begun = {_keys(main for main, *_ in model.findings), *map(_keys, begin)}
@@ -114,8 +117,10 @@ def _best_of_searches(
         value = other.log_posterior
         # near-ties go to the model that rests half as much on empirical terms, or else to the likelier of named ones
         forms, before = empirical_evidence(other), empirical_evidence(best)
-        if _adds_a_name(other, best):
-            least = most + DETECT + float(np.log(len(candidates.of_key)))  # it is detected as in a search
+        if _adds_a_finding(other, best):
+            # it is detected as in a search; in the place of an unnamed one it is as likely beforehand as names are
+            named_instead = _unnamed(other) < _unnamed(best)
+            least = most + DETECT + float(np.log(len(candidates.of_key))) - CLEARLY * named_instead
         elif 2 * forms + CLEARLY <= before:
             least = most - CLEARLY
         else:
@@ -169,11 +174,14 @@ def _searched_from(
     return steps
 
 
-def _adds_a_name(other: EffectModel, model: EffectModel) -> bool:
-    """Whether a model has one finding more, neither in an unnamed one's place nor a refinement made a finding."""
-    unnamed, before = (sum(main.effect.empirical for main, *_ in m.findings) for m in (other, model))
-    more = len(other.findings) > len(model.findings) and unnamed >= before
-    return more and _keys(other.steps) != _keys(model.steps)
+def _adds_a_finding(other: EffectModel, model: EffectModel) -> bool:
+    """Whether a model has one finding more, which is no refinement made a finding."""
+    return len(other.findings) > len(model.findings) and _keys(other.steps) != _keys(model.steps)
+
+
+def _unnamed(model: EffectModel) -> int:
+    """How many findings have no name."""
+    return sum(main.effect.empirical for main, *_ in model.findings)
 
 
 def empirical_evidence(model: EffectModel) -> float:
@@ -209,12 +217,11 @@ def _alternatives(model: EffectModel, log: DecisionLog) -> Iterator[list[Step]]:
 def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog) -> Iterator[list[Step]]:
     """Starting points in which the refinements of a finding are a second cause.
 
-    The second cause is the best named effect at another place or by another driver, or a refinement made a finding;
-    or both are other effects of the joint.
+    The second cause is the best named effect at another place or by another driver, or a refinement made a finding.
     """
     groups = model.findings
     for main, *more in groups:
-        if sum(s.evidence for s in more) < max(LEAST_EVIDENCE, LITTLE * main.evidence):
+        if not _much_refined(main, more):
             continue
         others = steps_of(g for g in groups if g[0] is not main)
         likely = optimise_shapes(model.without(more), candidates, MOST_EXAMINED)
@@ -237,28 +244,28 @@ def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog)
                 begun.add(s.effect.key)
                 log.add("second-cause", "examined", s.effect, s.evidence, LEAST_EVIDENCE, beside=main.effect)
                 yield [*others, replace(s, parent=None)]
-        if one_sensor(main.effect, main.effect):  # one source of heat is one cause of what its member does
+
+
+def _much_refined(main: Step, more: Sequence[Step]) -> bool:
+    """Whether refinements of a finding have as much evidence as another cause would."""
+    return sum(s.evidence for s in more) >= max(LEAST_EVIDENCE, LITTLE * main.evidence)
+
+
+def _two_names(model: EffectModel, candidates: Candidates, log: DecisionLog) -> Iterator[list[Step]]:
+    """Starting points with two names for what a flexible curve, or a finding with much refinement, explains."""
+    groups, tried = model.findings, set[frozenset[str]]()
+    for main, *more in groups:
+        flexible = main.effect.empirical or main.effect.flexible or _much_refined(main, more)
+        drivers = frozenset({*main.effect.drivers, main.effect.where})
+        # one source of heat is one cause of what its member does
+        if not flexible or drivers in tried or one_sensor(main.effect, main.effect):
             continue
-        if both := _two_of_one_joint(model.start, main.effect, others, candidates):
+        tried.add(drivers)
+        others = steps_of(g for g in groups if not {*g[0].effect.drivers} <= drivers)
+        both = likeliest_two(model.start, drivers, others, candidates)
+        if both and min(s.evidence for s in both[-2:]) > LEAST_EVIDENCE:
             log.add("second-cause", "examined", both[-1].effect, both[-1].evidence, beside=both[-2].effect)
             yield both
-
-
-def _two_of_one_joint(start: LinearModel, main: Effect, others: Sequence[Step], candidates: Candidates) -> list[Step]:
-    """The others and the likeliest two names of the joint and drivers of an effect: each may hide in the other."""
-    own = [e for e in candidates.effects if e.where == main.where and set(e.drivers) == set(main.drivers)]
-    listed = Candidates.of(start, [e for e in own if not e.empirical])
-
-    def likely(beside: Sequence[Step]) -> list[Step]:
-        return _best_of_names(optimise_shapes(replayed(start, beside).linear, listed, MOST_EXAMINED))
-
-    pairs = [
-        [*others, first, second]
-        for first in likely(others)
-        for second in likely([*others, first])
-        if second.effect.effect != first.effect.effect and second.evidence > LEAST_EVIDENCE
-    ]
-    return max(pairs, key=lambda steps: replayed(start, steps).log_posterior, default=[])
 
 
 def _best_of_names(steps: Iterable[Step]) -> list[Step]:

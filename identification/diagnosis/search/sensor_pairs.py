@@ -39,9 +39,9 @@ def best_pair(linear: LinearModel, effect: Effect, effects: Sequence[Effect]) ->
     flat = (columns / np.where(norms > 0, norms, 1.0)).reshape(m * k, -1)
     gram, slope = flat @ flat.T + 1e-9 * np.eye(m * k), flat @ linear.residual
     one, other = np.triu_indices(m, 1)
-    singles = _drops(gram, slope, np.arange(m)[:, None] * k + np.arange(k))
+    singles = decreases(gram, slope, np.arange(m)[:, None] * k + np.arange(k))
     first, second = (np.arange(k) + k * i[:, None] for i in (one, other))
-    drops = _drops(gram, slope, np.hstack([first, second]))
+    drops = decreases(gram, slope, np.hstack([first, second]))
     best = int(np.argmax(drops))
     left = np.maximum(linear.square - np.array([singles.max(), drops[best]]), 1e-12 * linear.square)
     evidence = linear.freedom / 2 * np.log(left[0] / left[1]) - k / 2 * np.log(linear.freedom) - np.log(len(drops))
@@ -49,7 +49,7 @@ def best_pair(linear: LinearModel, effect: Effect, effects: Sequence[Effect]) ->
     return family[pair[0]], family[pair[1]], float(evidence)
 
 
-def _drops(gram: Array, slope: Array, choices: Index) -> Array:
+def decreases(gram: Array, slope: Array, choices: Index) -> Array:
     """Decrease of the residual sum of squares by each choice of columns (choices, columns of one choice)."""
     grams = gram[choices[:, :, None], choices[:, None, :]]
     slopes = slope[choices]
