@@ -117,7 +117,7 @@ def _best_of_searches(
         value = other.log_posterior
         # near-ties go to the model that rests half as much on empirical terms, or else to the likelier of named ones
         forms, before = empirical_evidence(other), empirical_evidence(best)
-        if _adds_a_finding(other, best):
+        if _adds_a_name(other, best):
             # it is detected as in a search; in the place of an unnamed one it is as likely beforehand as names are
             named_instead = _unnamed(other) < _unnamed(best)
             least = most + DETECT + float(np.log(len(candidates.of_key))) - CLEARLY * named_instead
@@ -174,9 +174,10 @@ def _searched_from(
     return steps
 
 
-def _adds_a_finding(other: EffectModel, model: EffectModel) -> bool:
-    """Whether a model has one finding more, which is no refinement made a finding."""
-    return len(other.findings) > len(model.findings) and _keys(other.steps) != _keys(model.steps)
+def _adds_a_name(other: EffectModel, model: EffectModel) -> bool:
+    """Whether a model has one finding more, and not by a name that refined one."""
+    names, before = (len(_keys(s for s in m.steps if not s.effect.empirical)) for m in (other, model))
+    return len(other.findings) > len(model.findings) and names > before
 
 
 def _unnamed(model: EffectModel) -> int:
