@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 
 from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm, along
-from errormodel.effects.ops import Value
+from errormodel.effects.ops import Value, fmin
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import (
     STEEL_EXPANSION,
@@ -47,7 +47,7 @@ class WarmUp(Effect):
     in a `motion`, in the three ``translations``, as one that only grows, or in ``all`` six.
     In `rests`, from and to a time each (s), the machine stands and it cools as fast. `until` is the end of what was
     recorded, and `step` the longest time between two rows there that was no rest: rows that come later than that after
-    it begin after a rest, too.
+    it begin after a rest, too. From `ends` (s) on it stays as it is then.
     """
 
     effect: ClassVar[str] = "warm-up"
@@ -66,6 +66,7 @@ class WarmUp(Effect):
     rests: tuple[tuple[float, float], ...] = ()
     until: Annotated[float | None, FIXED] = None
     step: Annotated[float, FIXED] = LEAST_REST
+    ends: Annotated[float | None, FIXED] = None
 
     @model_validator(mode="after")
     def _one_of_them(self) -> Self:
@@ -118,9 +119,9 @@ class WarmUp(Effect):
         ]
 
     def _warm(self, channel: Channels) -> Value:
+        time = channel("time") if self.ends is None else fmin(channel("time"), self.ends)
         if self.until is None and not self.rests:
-            return settling(channel, self.tau, self.start)
-        time = channel("time")
+            return settling({"time": time}.__getitem__, self.tau, self.start)
         again = [] if self.until is None else [self.until, channel(resumed_name(self.until, self.step))]
         turns = [self.start, *(t for rest in self.rests for t in rest), *again]
         return warmed(time, self.tau, [*zip(turns[::2], [*turns[1::2], time], strict=True)])

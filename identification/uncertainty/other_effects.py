@@ -60,7 +60,7 @@ class OtherEffect:
     @property
     def of_time_constant(self) -> bool:
         """Whether a time constant is all that is another one."""
-        return not (self.name or {"initial", *SENSORS} & {*self.options})
+        return not (self.name or {"initial", "ends", *SENSORS} & {*self.options})
 
     @property
     def sensors(self) -> list[str]:
@@ -93,6 +93,19 @@ def unrecorded(others: Iterable[OtherEffect], machine: Machine, table: pd.DataFr
             f"with a probability of {chance:.2f} an effect of the model is by {name} in truth, which is not in all "
             f"rows: what it would change is not in their uncertainty. Add the column {name}"
         )
+
+
+def perhaps_ended(others: Iterable[OtherEffect], machine: Machine, table: pd.DataFrame) -> Iterator[str]:
+    """A note on rows after the recording's end, where what warmed up may have followed what nobody recorded."""
+    latest = float(table["time"].max()) if "time" in table else -np.inf
+    for other in others:
+        if latest > float(other.options.get("ends") or np.inf):
+            warm = make(machine.effects[other.effect]).where
+            yield (
+                f"what warms {warm} up may be a temperature that nobody recorded, which does not settle by the clock: "
+                "later than the recording the mean of both is predicted, that it goes on and that it stays as it was, "
+                "and their difference is in the uncertainty. Record temperatures beside it"
+            )
 
 
 def with_other_effects(

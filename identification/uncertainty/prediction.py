@@ -26,7 +26,7 @@ from identification.results.stored_fit import StoredFit
 from identification.uncertainty.estimated_targets import estimated_targets
 from identification.uncertainty.measured_range import beyond_notes, unrecorded_load
 from identification.uncertainty.one_side import from_other_sides
-from identification.uncertainty.other_effects import OtherEffect, unrecorded, with_other_effects
+from identification.uncertainty.other_effects import OtherEffect, perhaps_ended, unrecorded, with_other_effects
 from identification.uncertainty.read_on_the_fly import on_the_fly, perhaps_at_rest
 from identification.uncertainty.reading_prediction import predicted_readings, rigid_parts
 from identification.uncertainty.recording_end import (
@@ -190,6 +190,7 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
         *unrecorded_load(fit.data.get("covered", {}), points.table),
         *estimated_targets(fit.chain.machine, points.table),
         *unrecorded(fit.others, fit.chain.machine, points.table),
+        *perhaps_ended(fit.others, fit.chain.machine, points.table),
         *ended,
         *idle,
         *moving,

@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.effects import make
 from errormodel.effects.base import NOT_SETTLED
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
-from errormodel.survey import read_survey
+from errormodel.survey import Survey, read_survey
 from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.search.candidates import score_of
@@ -30,6 +31,37 @@ from tests.helpers.nightly import first_of
 
 WAVE = {"joint": "X", "motion": "dz", "every": 200.0}
 UNCERTAINTY = ["ux", "uy", "uz"]
+
+
+def test_a_warm_up_goes_on_after_the_recording_or_stays_as_it_was(tmp_path: Path) -> None:
+    """It may be by a temperature that nobody recorded: the mean of both is predicted, and says so."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=False, grid=False)
+    survey = replace(survey, table=survey.table.assign(time=np.linspace(0, 14400, len(survey))))
+    spec = EffectSpec("warm-up", {"element": "column", "motion": "dy", "tau": 9000.0})
+    whole = showing(survey, machine, [(spec, [0.05])], 0.002)
+    first, later = (replace(whole, table=part) for part in (whole.table.head(250), whole.table.tail(150).reset_index()))
+    diagnosed = diagnose(machine, first)
+    assert [f.effect for f in diagnosed.diagnosis.findings] == ["warm-up"]
+    store.save(diagnosed.final, tmp_path)
+    fit = store.load(tmp_path)
+    end = float(first.table["time"].max())
+    (ends,) = (other for other in fit.others if "ends" in other.options)
+    assert ends.options["ends"] == end
+
+    def of(*others: OtherEffect, points: Survey = later) -> Array:
+        return np.asarray(predicted(replace(fit, others=others), points)[[*XYZ, *UNCERTAINTY]])
+
+    goes_on, stays, both = of(), of(replace(ends, weight=1.0)), of(ends)
+    change = stays[:, :3] - goes_on[:, :3]
+    assert np.abs(change).max() > 0.003
+    assert both[:, :3] == pytest.approx(goes_on[:, :3] + change / 2)
+    assert both[:, 3:] == pytest.approx(np.hypot(goes_on[:, 3:], change / 2))
+    assert of(ends, points=first) == pytest.approx(of(points=first))
+    said = [note for note in notes(fit, later) if "nobody recorded" in note]
+    assert len(said) == 1
+    assert "what warms" in said[0]
+    assert not [note for note in notes(fit, first) if "nobody recorded" in note]
 
 
 @pytest.mark.long

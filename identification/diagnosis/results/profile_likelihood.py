@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 
+from errormodel.channels import channel
 from errormodel.effects.base import Effect
 from identification.diagnosis.results.effect_size import Amount
 from identification.diagnosis.results.findings import explanations
@@ -29,6 +30,9 @@ from identification.uncertainty.other_effects import OtherEffect
 FARTHEST = np.log(30.0)  # logarithm of the largest ratio: beyond it a lag is a line in time, or none
 STEPS = 32  # on either side
 CLEAR = 4.0  # chi-squared: two standard uncertainties
+NOT_SETTLING = (
+    0.5  # of 15 effects of four simulators by others that were called warm-up nobody had recorded the cause of 7
+)
 MOST = 4  # other places and names of an effect: each is a fit
 SURE = FARTHEST / STEPS  # a tenth of the time constant: what is better known changes no prediction by more than that
 
@@ -57,6 +61,9 @@ def other_effects(final: Fit, model: EffectModel, first: int) -> tuple[OtherEffe
         others = lags_left_open(final, model, step)
         by_others = min(sum(sensors_probability(others, effect).values()), 1.0)
         trials = [(options, (1 - by_others) * weight) for options, weight in trials] + others
+        if "ends" in type(effect).model_fields:
+            ends = {"ends": float(np.max(channel(final.survey.table, "time")))}
+            out.append(OtherEffect(first + number, ends, NOT_SETTLING, final.solution.named()))  # the same in its rows
         same = [OtherEffect(first + number, options, weight, {}) for options, weight in trials]
         named = [OtherEffect(first + number, e.spec.options, weight, {}, e.effect) for e, weight in elsewhere]
         for trial in (*same, *named):
