@@ -95,7 +95,7 @@ class Chain:
         extra = [(n, *term) for n, spec in enumerate(machine.effects) for term in self._effect_terms(spec)]
         self.channels: tuple[str, ...] = tuple(self._channel)
         self.rows = ca.vertcat(*self._channel.values())
-        parameters: list[Parameter] = []
+        parameters, known = list[Parameter](), set[str]()
         of_effects: list[list[str]] = [[] for _ in machine.effects]
         self._columns: list[tuple[int, Term]] = []  # (index of the element among all, term)
         for place, (name, terms) in enumerate(self._element_terms()):
@@ -103,8 +103,9 @@ class Chain:
             self._tool_start = len(parameters)  # after the loop, that of the tool
             for number, term in (*((None, t) for t in terms), *((n, t) for n, element, t in extra if element == name)):
                 identity = f"{name}.{term.motion}" + (f".{term.label}" if term.label else "")
-                while any(p.id == identity for p in parameters):  # the same effect twice at one element
+                while identity in known:  # the same effect twice at one element
                     identity += "'"
+                known.add(identity)
                 symbol = conventions.iso_symbol(name, term.motion) if joint else ""
                 parameters.append(
                     Parameter(

@@ -33,7 +33,9 @@ def cubic(u: Value) -> Value:
 
 def cubics(u: Value, first: int, count: int) -> list[Value]:
     """``cubic(u - k)`` of so many integers k from the first on: of each number four are not zero."""
-    if isinstance(u, ca.SX) or not np.ndim(u):
+    if isinstance(u, ca.SX):  # in one expression: each call of CasADi takes as long for one as for many
+        return ca.vertsplit(cubic(u - ca.DM(range(first, first + count))))
+    if not np.ndim(u):
         return [cubic(u - k) for k in range(first, first + count)]
     known = np.isfinite(u)
     below = np.floor(np.where(known, u, 0.0)).astype(np.intp)

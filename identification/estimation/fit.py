@@ -105,8 +105,7 @@ def _fit(
     if not len(rows):
         raise InputError(str(survey.source), "no file has role: fit", "Give at least one file the role fit")
     check_runs(chain, rows, other_runs)
-    problem = build(chain, rows)
-    problem = replace(problem, views=tuple(v.storing_design() for v in problem.views))
+    problem = build(chain, rows).storing_design()
     judged = None
     if robust:
         check_redundant(rows, problem)
@@ -186,8 +185,7 @@ def parameters_of(machine: Machine, fit: Fit, effect_sizes: float | None = None)
     """
     with one_blas_thread():
         chain = Chain(machine)
-        problem = build(chain, fit.survey, mount=fit.problem.mount, poses=fit.problem.frames)
-        problem = replace(problem, views=tuple(v.storing_design() for v in problem.views))
+        problem = build(chain, fit.survey, mount=fit.problem.mount, poses=fit.problem.frames).storing_design()
         if (found := refitted(chain, problem, fit, effect_sizes)) is not None:
             return found
         own = solve(chain, problem.views, problem.unknowns, declared=problem.declared, effect_sizes=effect_sizes)

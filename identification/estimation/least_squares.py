@@ -18,7 +18,7 @@ from errormodel.chain import Chain
 from errormodel.kernel import KERNEL_BLOCK_ROWS
 from identification.estimation.normal_priors import known_beforehand
 from identification.estimation.plausible import IMPLAUSIBLE_SHARE, floors_of, of_its_size
-from identification.estimation.scaled_equations import scaled_inverse, scaled_solve
+from identification.estimation.scaled_equations import SAME, WeighedEquations, scaled_inverse
 from identification.observation.assembly import group_order
 from identification.observation.identifiability import DEPENDENCE_TOLERANCE, Floors, Groups, find_groups
 from identification.observation.models import GapView, Kind, PositionView, View
@@ -31,7 +31,7 @@ from identification.observation.normal_equations import (
     total,
     view_vector,
     weight_of,
-)
+)  # fmt: skip
 from identification.observation.sums import Sums
 from identification.runtime.blas import one_blas_thread
 
@@ -173,6 +173,7 @@ class Solver:
         self.known = declared if levels is None else frozenset(levels)
         self.precision = beforehand
         self.at: Array | None = None
+        self.last: WeighedEquations | None = None
         self.each = 1.0  # rows of the survey for each row of the views, where these are a sample
 
     def run(self) -> Solution:
@@ -274,8 +275,7 @@ class Solver:
         noise is then that beside error motions of physical size.
         """
         self.update_noise(sums, base)
-        gram, slope = self.total(sums)
-        step = scaled_solve(gram[np.ix_(base, base)], slope[base])
+        step = self.weighed(sums, base).solve(self.slope(sums)[base])
         if (np.sqrt(whole[base]) * np.abs(step)).max(initial=0.0) <= IMPLAUSIBLE_SHARE:
             return
         beforehand = self.precision
@@ -295,16 +295,17 @@ class Solver:
 
     def iterate(self, base: Index, sums: dict[Kind, Sums]) -> tuple[Array, dict[Kind, Sums], int, bool]:
         """Steps of the normal equations from the values of the last pass, of which the sums are."""
-        pick, values = np.ix_(base, base), self.taken
+        values = self.taken
         first = last = 0.0
         for passes in range(1, MOST_PASSES + 1):
             self.update_noise(sums, base)
-            gram, slope = self.total(sums)
+            slope = self.slope(sums)[base]
             if not np.isfinite(slope).all():
                 return values, sums, passes, False
-            step = scaled_solve(gram[pick], slope[base])
+            equations = self.weighed(sums, base)
+            step = equations.solve(slope)
             if passes == 1:  # one norm for all steps: the noise levels, and with them the Gram matrix, change
-                measure, round_off = gram[pick], self.round_off()
+                measure, round_off = equations.gram, self.round_off()
             size = float(np.sqrt(max(float(step @ measure @ step), 0.0)))
             first = first or size
             small = max(1e-6 * first, round_off)
@@ -362,27 +363,33 @@ class Solver:
 
     def total(self, sums: dict[Kind, Sums]) -> tuple[Array, Array]:
         """Normal equations of the data at the values of the last pass and of the prior."""
-        gram, slope = total(sums, self.sigma)
-        return gram + np.diag(self.precision), slope - self.precision * self.taken
+        gram, _ = total(sums, self.sigma)
+        return gram + np.diag(self.precision), self.slope(sums)
+
+    def slope(self, sums: dict[Kind, Sums]) -> Array:
+        """The right side of the same."""
+        return sum((s.slope / self.sigma[k] ** 2 for k, s in sums.items()), start=-self.precision * self.taken)
+
+    def weighed(self, sums: dict[Kind, Sums], base: Index) -> WeighedEquations:
+        """The normal equations of some columns, those of before where they serve."""
+        if self.last is None or not self.last.serves(sums, self.sigma, self.precision, base):
+            self.last = WeighedEquations(sums, dict(self.sigma), self.precision, base)
+        return self.last
 
     def update_noise(self, sums: dict[Kind, Sums], base: Index) -> None:
         """Estimate the noise level of each undeclared kind, from the predicted residuals after the next step."""
         open_kinds = [k for k in sums if k not in self.known]
         if not open_kinds:
             return
-        alone, pick = len(sums) == 1 and not self.precision.any(), np.ix_(base, base)
+        alone, step = len(sums) == 1 and not self.precision.any(), np.zeros(len(self.unknowns))
         for _ in range(50 if len(sums) > 1 else 1):
-            gram, slope = self.total(sums)
-            step = scaled_solve(gram[pick], slope[base])
-            inverse = None if alone else scaled_inverse(gram[pick])
+            equations = self.weighed(sums, base)
+            step[base] = equations.solve(self.slope(sums)[base])
             before = dict(self.sigma)
             for kind in open_kinds:
                 own = sums[kind]
-                square = own.square - 2 * float(step @ own.slope[base]) + float(step @ own.gram[pick] @ step)
-                used = float(len(base))
-                if inverse is not None:
-                    used = float(np.sum(inverse * own.gram[pick])) / self.sigma[kind] ** 2
-                free = own.count - used
+                square = own.square - 2 * float(step @ own.slope) + float(step @ (own.gram @ step))
+                free = own.count - (float(len(base)) if alone else equations.used[kind])
                 square = max(square, 1e-30 * max(own.square, 1e-30))
                 self.sigma[kind] = float(np.sqrt(square / max(free, 1e-3)))
             # noise-free angles beside noisy positions would make the normal equations singular
@@ -390,5 +397,5 @@ class Solver:
             reach = {kind: self.chain.size if kind in turning else 1.0 for kind in open_kinds}
             least = LEAST_NOISE_RATIO * max((reach[kind] * self.sigma[kind] for kind in open_kinds), default=0.0)
             self.sigma |= {kind: max(self.sigma[kind], least / reach[kind]) for kind in open_kinds}
-            if all(abs(self.sigma[k] / before[k] - 1) < 1e-6 for k in open_kinds):
+            if all(abs(self.sigma[k] / before[k] - 1) < SAME for k in open_kinds):
                 break

@@ -65,6 +65,13 @@ class Problem:
         """Index of each unknown by name."""
         return {name: k for k, name in enumerate(self.unknowns)}
 
+    def storing_design(self) -> Problem:
+        """The same with M of its views stored where that is quicker; of the same rows once."""
+        views = list[View]()
+        for view in self.views:
+            views.append(view.storing_design(views))
+        return replace(self, views=tuple(views))
+
 
 def frame_labels(survey: Survey, mode: str | None = None) -> Array:
     """Label (n,) of each row's measuring frame: "" where all share one, else the name of the run or file.

@@ -132,12 +132,19 @@ class View(ABC):
         stored = None if self.known_design is None else self.known_design.part(rows, own)
         return replace(self, rows=own, whitener=self.whitener[rows], index=self.index[rows], stored=stored)
 
-    def storing_design(self) -> Self:
-        """The view with its M at zero errors stored, where that has many columns and few entries that are not zero."""
+    def storing_design(self, beside: Sequence[View] = ()) -> Self:
+        """The view with its M at zero errors stored, where that has many columns and few entries that are not zero.
+
+        Parameters
+        ----------
+        beside : views of which one may have stored it already.
+        """
         if not self.constant_design or len(self.columns) < MANY or self.known_design is not None:
             return self
-        kernel = self.design(linearised=False)
-        return replace(self, stored=StoredDesign.of(kernel, self.rows, self.at_zero, len(self.outputs)))
+        own = self.chain, self.ids, self.rows
+        known = (stored.of_view(*own) for view in beside if (stored := view.known_design) is not None)
+        made = next((stored for stored in known if stored is not None), None)
+        return replace(self, stored=made or StoredDesign.of(*own, self.fixed))
 
     @property
     def known_design(self) -> StoredDesign | None:
@@ -157,6 +164,14 @@ class View(ABC):
     def in_other_axes(self, p: Array) -> tuple[Kernel, Callable[[slice], list[Array]]]:
         """Kernel of M at zero errors and of the gap at `p` in the axes of `errormodel.turned_design`, and its rows."""
         raise NotImplementedError
+
+    def pose_at(self, p: Array, outputs: tuple[int, ...]) -> Iterator[tuple[slice, Array]]:
+        """Outputs of the exact pose at the chain's parameters `p`, (len(outputs), m) per block."""
+        stored = self.known_design
+        if stored is not None and p.any() and (found := stored.pose(p, outputs)) is not None:
+            return found
+        kernel = self.chain.kernel("actual" if p.any() else "nominal", (), self.fixed, outputs)
+        return ((part, kernel.expand(functions)) for part, functions in kernel.blocks(self.rows, p))
 
     @abstractmethod
     def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
@@ -208,9 +223,8 @@ class PositionView(View):
         return replace(super().part(rows), measured=self.measured[rows])
 
     def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
-        kernel = self.chain.kernel("actual" if p.any() else "nominal", (), self.fixed, self.outputs)
-        for part, functions in kernel.blocks(self.rows, p):
-            yield part, self.pose.invert(self.measured[part]).T - kernel.expand(functions)
+        for part, here in self.pose_at(p, self.outputs):
+            yield part, self.pose.invert(self.measured[part]).T - here
 
     def levers(self) -> Array:
         """Displacement (6 * elements, 3, n) by each motion of each element at zero errors, mm."""
@@ -276,9 +290,8 @@ class OrientationView(View):
     def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
         from scipy.spatial.transform import Rotation
 
-        kernel = self.chain.kernel("actual" if p.any() else "nominal", (), self.fixed, tuple(range(3, 12)))
-        for part, functions in kernel.blocks(self.rows, p):
-            here = kernel.expand(functions).reshape(3, 3, -1).transpose(2, 1, 0)
+        for part, turned in self.pose_at(p, tuple(range(3, 12))):
+            here = turned.reshape(3, 3, -1).transpose(2, 1, 0)
             seen = self.pose.rotation.T @ self.turned[part] @ self.mount.T
             yield part, Rotation.from_matrix(seen @ here.transpose(0, 2, 1)).as_rotvec().T
 

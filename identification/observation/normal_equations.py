@@ -121,7 +121,8 @@ def design_rows(view: View, unknowns: Mapping[str, int], most: int = RANK_SAMPLE
     places = [unknowns[view.columns[k]] for k in local]
     out = np.zeros((len(view) * len(view.outputs), len(unknowns)))
     if (stored := view.known_design) is not None and view.whitener.ndim == 1:
-        stored.write(local, out.reshape(len(view.outputs), len(view), -1), places)
+        for part, seen, block in stored.blocks(view.outputs, local):
+            out.reshape(len(view.outputs), len(view), -1)[:, part, np.array(places)[seen]] = block
         out *= np.tile(view.whitener, len(view.outputs))[:, None]
         return out
     kernel = view.design(linearised=False)

@@ -77,22 +77,23 @@ class Pass:
         return work.total(reduce(_Products.added, parts))
 
     def of_stored(self, design: StoredDesign) -> Sums:
-        """All sums, with M that is stored."""
-        view, width = self.view, len(self.columns)
-        weights = np.repeat(view.whitener, design.outputs)
-        left = np.hstack([gap for _, gap in view.gaps(self.p)]).T.ravel()
+        """All sums, with motions that are stored: in a block of rows, products of the columns that are not zero."""
+        view, columns = self.view, self.columns
+        weights, sums = view.whitener, Sums.zero(len(columns))
+        left = np.hstack([gap for _, gap in view.gaps(self.p)])
         if self.linear is not None:
-            left -= design.matrix[:, self.columns] @ self.linear
+            left -= design.moved(columns, self.linear, view.outputs)
         left *= weights
-        sums = Sums(np.zeros((width, width)), (design.matrix.T @ (left * weights))[self.columns], float(left @ left))
-        if self.gram and self.some is not None:
-            own = (design.matrix[:, self.columns[self.some]] * (weights**2)[:, None]).T
-            sums.gram[self.some] = (own @ design.matrix).toarray()[:, self.columns]
-        elif self.gram:
-            for white in design.blocks(self.columns, weights):
-                sums.gram += white.T @ white
+        sums.slope, sums.square = design.along(columns, left * weights, view.outputs), float(np.vdot(left, left))
+        for part, seen, block in design.blocks(view.outputs, columns) if self.gram else ():
+            white = (block * weights[part, None]).reshape(-1, len(seen))
+            if self.some is None:
+                sums.gram[np.ix_(seen, seen)] += white.T @ white
+            else:
+                own = np.isin(seen, self.some)
+                sums.gram[np.ix_(seen[own], seen)] += white[:, own].T @ white
         if self.lengths:
-            lengths = np.sqrt(np.square(left.reshape(-1, design.outputs)).sum(axis=1))
+            lengths = np.sqrt(np.square(left).sum(axis=0))
             sums.length, sums.longest = float(lengths.sum()), float(lengths.max(initial=0.0))
         return sums
 

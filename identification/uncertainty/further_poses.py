@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 FURTHER_POSES = 10  # number of additional poses that are evaluated
 FURTHER_POSE_CANDIDATES = 400  # random poses from which the best are chosen: limits the time
-LEVERAGE_BLOCK_ROWS = 1000  # rows whose M is held at a time: limits the memory
+LEVERAGE_BLOCK_ROWS = 500  # rows whose M is held at a time: limits the memory; few curves are not zero in them
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,10 @@ def leverages(fit: Fit) -> Array:
         for start in range(0, len(view), LEVERAGE_BLOCK_ROWS):
             part = view.part(slice(start, start + LEVERAGE_BLOCK_ROWS))
             rows = design_rows(part, place, LEVERAGE_BLOCK_ROWS)[:, s.groups.base] / s.sigma[view.kind]
-            own = np.einsum("np,np->n", rows @ s.covariance, rows).reshape(len(view.outputs), -1).sum(axis=0)
+            seen = np.flatnonzero(rows.any(axis=0))
+            rows = rows[:, seen]
+            own = np.einsum("np,np->n", rows @ s.covariance[np.ix_(seen, seen)], rows)
+            own = own.reshape(len(view.outputs), -1).sum(axis=0)
             out[part.index] = np.nan_to_num(out[part.index]) + own
     return out if fit.sorting is None else out * fit.sorting.weight
 

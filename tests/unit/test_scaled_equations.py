@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from identification.estimation.scaled_equations import determined_step
+from identification.estimation.scaled_equations import WeighedEquations, determined_step
+from identification.observation.sums import Sums
 
 
 @given(st.integers(1, 12), st.integers(0, 99), st.floats(0, 5))
@@ -41,3 +44,23 @@ def test_an_eigenvalue_below_zero_shows_which_are_none() -> None:
     gram = turn @ np.diag([2.0, 1.0, 2e-6, -3e-6]) @ turn.T
     step = determined_step(gram, turn @ [2.0, 1.0, 1e-3, 1e-3], np.ones(4))
     np.testing.assert_allclose(turn.T @ step, [1.0, 1.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_one_factor_serves_noise_levels_that_hardly_differ() -> None:
+    """The step and what it uses, as by solution and inverse; other products, columns and levels are other equations."""
+    rng = np.random.default_rng(0)
+    designs = {"position": rng.normal(size=(20, 5)), "orientation": rng.normal(size=(15, 5))}
+    sums = {kind: Sums(own.T @ own, rng.normal(size=5)) for kind, own in designs.items()}
+    sigma, precision, base = {"position": 0.5, "orientation": 2.0}, np.full(5, 0.1), np.array([0, 1, 3])
+    own = WeighedEquations(sums, sigma, precision, base)
+    gram = sum(s.gram / sigma[kind] ** 2 for kind, s in sums.items()) + np.diag(precision)
+    inverse, slope = np.linalg.inv(gram[np.ix_(base, base)]), rng.normal(size=3)
+    np.testing.assert_allclose(own.solve(slope), inverse @ slope, rtol=1e-10)
+    used = {kind: np.trace(inverse @ s.gram[np.ix_(base, base)]) / sigma[kind] ** 2 for kind, s in sums.items()}
+    assert own.used == pytest.approx(used, rel=1e-10)
+    moved = {kind: replace(s, slope=s.slope + 1) for kind, s in sums.items()}
+    assert own.serves(moved, {kind: (1 + 1e-7) * level for kind, level in sigma.items()}, precision, base)
+    assert not own.serves(sums, {**sigma, "position": 0.5001}, precision, base)
+    assert not own.serves(sums, sigma, precision.copy(), base)
+    assert not own.serves(sums, sigma, precision, base[:2])
+    assert not own.serves({kind: replace(s, gram=s.gram.copy()) for kind, s in sums.items()}, sigma, precision, base)

@@ -1,4 +1,4 @@
-"""M that is stored by its entries that are not zero gives what the expression gives."""
+"""M and poses from motions of elements that are stored where they are not zero are those of the expressions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from errormodel.survey import Survey
 from identification.estimation.fit import fit_machine
 from identification.observation import models, stored_design
 from identification.observation.assembly import build
-from identification.observation.normal_equations import accumulate, design_rows
+from identification.observation.normal_equations import FULL_POSES, accumulate, design_rows
 from identification.uncertainty.further_poses import leverages
 from tests.helpers.commands import MILL
 from tests.helpers.diagnosed import empty_survey
@@ -26,6 +26,7 @@ MACHINE = replace(
     effects=(
         EffectSpec("higher-order-geometry", {"joint": "X", "motion": "dz", "every": 10.0}),
         EffectSpec("backlash", {"joint": "Y"}),
+        EffectSpec("higher-order-geometry", {"joint": "X", "motion": "dy", "degrees": [3], "slope": True}),
     ),
 )
 
@@ -74,6 +75,33 @@ def test_of_other_rows_it_is_not_known(survey: Survey) -> None:
     assert replace(view, measured=view.measured + 1.0).known_design is not None  # type: ignore[call-arg, attr-defined]
 
 
+@pytest.mark.usefixtures("of_any_size")
+def test_poses(survey: Survey) -> None:
+    """Position and orientation of the exact kinematics, where no other parameter is set."""
+    view = build(Chain(MACHINE), survey).views[0]
+    own, p = view.storing_design(), np.random.default_rng(2).normal(0, 1e-3, len(view.chain.ids))
+    for outputs in ((0, 1, 2), tuple(range(3, 12))):
+        found, expected = (np.hstack([part for _, part in v.pose_at(p, outputs)]) for v in (own, view))
+        assert found == pytest.approx(expected, abs=1e-10)
+    fewer = replace(view, ids=view.ids[:-1], columns=view.columns[:-1]).storing_design()
+    assert fewer.known_design is not None
+    assert fewer.known_design.pose(p, (0, 1, 2)) is None
+
+
+@pytest.mark.usefixtures("of_any_size")
+def test_views_of_the_same_rows_share_it(survey: Survey) -> None:
+    """Positions and orientations of the same rows have the same motions; others have their own."""
+    problem = build(Chain(MACHINE), survey)
+    (view,) = problem.views
+    alike, other = replace(view, rows=[c.copy() for c in view.rows]), view.part(slice(300))
+    one, two, three = (v.known_design for v in replace(problem, views=(view, alike, other)).storing_design().views)
+    assert one is not None
+    assert two is not None
+    assert three is not None
+    assert two.matrix is one.matrix
+    assert len(three) == 300
+
+
 def test_where_few_entries_are_zero(survey: Survey, monkeypatch: pytest.MonkeyPatch) -> None:
     """M of few columns, or of which most entries are not zero, is not stored."""
     view = build(Chain(MACHINE), survey).views[0]
@@ -90,7 +118,7 @@ def test_a_fit(survey: Survey, monkeypatch: pytest.MonkeyPatch) -> None:
     evaluated = Kernel.blocks
 
     def blocks(self: Kernel, rows, *more, **options):  # type: ignore[no-untyped-def]
-        counted[self.n_functions] += len(rows[0])
+        counted[self.n_functions] += len(rows[0]) * (len(rows[0]) != FULL_POSES)  # not over the full travels
         return evaluated(self, rows, *more, **options)
 
     plain = fit_machine(MACHINE, survey)
