@@ -20,6 +20,7 @@ from identification.diagnosis.linear.survey_rows import SurveyRows
 from identification.runtime.parallel import parallel_map
 
 COLUMNS = 1000  # of a block: their products with some hundred vectors stay within a cache's neighbourhood
+EXACT_AT_ONCE = 1_000_000  # of their values, in double precision: limits the memory
 NOTHING = 1e-300  # length squared of a column
 SINGLE = np.float32  # of the columns that are kept: what is left of one, a thousandth at least, is known to 1e-4
 
@@ -168,8 +169,9 @@ class Block(NamedTuple):
         """Products (m, k, r) of the columns with vectors on the block's lever."""
         m, k, n = self.columns.shape
         if self.exact:
-            own = vectors.cast(np.float64)[:n]
-            return np.array([part @ own for part in self.parts()]).reshape(m, k, -1)
+            own, most = vectors.cast(np.float64)[:n], max(EXACT_AT_ONCE // (k * n), 1)
+            some = (self.columns[first : first + most].reshape(-1, n) for first in range(0, m, most))
+            return np.asarray(np.vstack([part.astype(float) @ own for part in some]).reshape(m, k, -1), float)
         own = vectors.cast(self.columns.dtype)[:n]
         return (self.columns.reshape(m * k, n) @ own).reshape(m, k, -1).astype(float)
 
