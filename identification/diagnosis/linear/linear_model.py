@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -283,15 +284,37 @@ class LinearModel:
         """Residual sum of squares after an effect has been fitted: that of `with_effect`, without making it."""
         if effect.random:
             return self.with_effect(effect).square
-        columns, _ = self._known_columns(effect) or self._own_columns(effect)  # not kept: it may be tried out once
-        columns = columns[:, : self.size]
+        if (known := self._known_columns(effect)) is not None or self.rows is None:
+            columns = (known or self._own_columns(effect))[0][:, : self.size]
+            inner = columns @ self.basis
+        else:  # not kept: it may be tried out once
+            terms = self.terms([effect])
+            columns, inner = np.empty((len(terms), self.size)), self._along(terms)
+            self.fill(terms, columns[None])
         norms = np.linalg.norm(columns, axis=1)
-        scaled = columns[norms > 0] / norms[norms > 0, None]
-        inner = scaled @ self.basis
+        scaled, inner = (own[norms > 0] / norms[norms > 0, None] for own in (columns, inner))
         values, vectors = np.linalg.eigh(scaled @ scaled.T - inner @ inner.T)
         kept = values > UNSEEN
         slopes = vectors[:, kept].T @ (scaled @ self.residual)
         return self.square - float(np.sum(slopes**2 / values[kept]))
+
+    def _along(self, terms: Sequence[EffectTerm]) -> Array:
+        """Products (k, r) of the columns of some terms with the basis, by its sums over what is seen in each row."""
+        rows, kept, out = self.rows, self._summed, np.zeros((len(terms), self.basis.shape[1]))
+        assert rows is not None
+        for own, term in zip(out, terms, strict=True):
+            for motion, value in term.motion.items():
+                place = term.element, motion
+                if place not in kept:
+                    lever = self.levers[term.element][MOTIONS.index(motion)]
+                    kept[place] = np.asarray(rows.summed(lever, rows.gathered(self.basis[: len(lever)])), float)
+                own += np.broadcast_to(value, len(kept[place])) @ kept[place]
+        return out
+
+    @cached_property
+    def _summed(self) -> dict[tuple[str, str], Array]:
+        """Sums (rows, r) of the basis over the observations of each row, times the lever of an element's motion."""
+        return {}
 
     def random(self, columns: Array) -> RandomEffects:
         """Columns (k, N) or (k, N + ties) as those of random effects."""
