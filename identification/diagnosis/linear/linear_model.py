@@ -302,13 +302,13 @@ class LinearModel:
         """Products (k, r) of the columns of some terms with the basis, by its sums over what is seen in each row."""
         rows, kept, out = self.rows, self._summed, np.zeros((len(terms), self.basis.shape[1]))
         assert rows is not None
-        for own, term in zip(out, terms, strict=True):
+        for k, term in enumerate(terms):
             for motion, value in term.motion.items():
                 place = term.element, motion
                 if place not in kept:
                     lever = self.levers[term.element][MOTIONS.index(motion)]
                     kept[place] = np.asarray(rows.summed(lever, rows.gathered(self.basis[: len(lever)])), float)
-                own += np.broadcast_to(value, len(kept[place])) @ kept[place]
+                out[k] += np.broadcast_to(value, len(kept[place])) @ kept[place]
         return out
 
     @cached_property
