@@ -209,7 +209,10 @@ def correlated(problem: Problem, solution: Solution, rows: int = 0) -> tuple[Sol
     residual = np.concatenate(residuals)
     if not _uneven(residual):
         return solution, None
-    picked = [design_rows(v, place, most=len(v))[np.ix_(live, base)] for v, live in parts]
+    of_base = {solution.unknowns[column]: k for k, column in enumerate(base)}
+    picked = [
+        own if live.all() else own[live] for own, live in ((design_rows(v, of_base, len(v)), n) for v, n in parts)
+    ]
     design = (picked[0] if len(picked) == 1 else np.vstack(picked)).T
     del picked
     design /= level
@@ -218,7 +221,11 @@ def correlated(problem: Problem, solution: Solution, rows: int = 0) -> tuple[Sol
     noise, variance = likeliest(residual, design[free] / norms[free, None], np.array(edges))
     if noise is None:
         return solution, None
-    spread = noise.spread(design, np.array(edges))
-    extra = (variance * (design @ spread.T) - design @ design.T) / (share * here / rows)
+    extra = np.empty((len(base), len(base)))
+    for some in _few(design):
+        beyond = variance * noise.spread(design[some], np.array(edges)) - design[some]
+        np.matmul(design, beyond.T, out=extra[:, some])
+    del design
+    extra /= share * here / rows
     covariance = solution.covariance + solution.covariance @ extra @ solution.covariance
     return replace(solution, covariance=(covariance + covariance.T) / 2), noise

@@ -190,8 +190,8 @@ class LinearModel:
     def _with_left(self, columns: Array, inner: Array, hold: Array) -> LinearModel:
         """The same, with the products (k, r) of the columns and the basis."""
         left, whole = columns - inner @ self.basis.T, np.linalg.norm(columns, axis=1)
-        if (np.linalg.norm(left, axis=1) < ONCE_IS_ENOUGH * whole).any():
-            left = self.project(left)
+        if (little := np.linalg.norm(left, axis=1) < ONCE_IS_ENOUGH * whole).any():
+            left[little] = self.project(left[little])
         if len(hold):
             left, whole = np.hstack([left, np.diag(hold)]), np.hypot(whole, hold)
         norms = np.linalg.norm(left, axis=1)
