@@ -130,6 +130,7 @@ def explained(
     model, wanders = without_wanderers(model, log)
     first = len(fit.chain.machine.effects) + len(changes)
     final = fit
+    model.start.ended()  # as much again as the fit of all rows needs
     if changes or model.steps:
         with progress("Fitting the extended machine"):
             model, final, larger = that_predicts(fit, model, survey, changes, log)

@@ -216,7 +216,7 @@ def correlated(problem: Problem, solution: Solution, rows: int = 0) -> tuple[Sol
     design = (picked[0] if len(picked) == 1 else np.vstack(picked)).T
     del picked
     design /= level
-    norms = np.linalg.norm(design, axis=1)
+    norms = np.sqrt(np.einsum("pn,pn->p", design, design))  # without a copy
     free = (norms > 0) & (solution.precision[base] * np.diag(solution.covariance) < 0.5)  # by the data, not the prior
     noise, variance = likeliest(residual, design[free] / norms[free, None], np.array(edges))
     if noise is None:
