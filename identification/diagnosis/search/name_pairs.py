@@ -99,6 +99,6 @@ def _of_best_shapes(
                 return list(others)
             effects[k] = found[0].effect
             places = candidates.places[effects[k].effect]
-            counts = {"trials": len(candidates.of_key), "names": len(candidates.places), "places": places}
-            steps.append(replace(found[0], **counts))
+            trials, names = len(candidates.of_key), len(candidates.places)
+            steps.append(replace(found[0], trials=trials, names=names, places=places))
     return [*others, *steps]
