@@ -15,10 +15,10 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
-from errormodel.kernel import KERNEL_BLOCK_ROWS
 from identification.estimation.normal_priors import known_beforehand
 from identification.estimation.plausible import IMPLAUSIBLE_SHARE, floors_of, of_its_size
 from identification.estimation.scaled_equations import SAME, WeighedEquations, scaled_inverse
+from identification.estimation.triangular_factor import triangular_factor
 from identification.observation.assembly import group_order
 from identification.observation.identifiability import DEPENDENCE_TOLERANCE, Floors, Groups, find_groups
 from identification.observation.models import GapView, Kind, PositionView, View
@@ -29,7 +29,6 @@ from identification.observation.normal_equations import (
     full_norms,
     sampled,
     total,
-    view_vector,
     weight_of,
 )  # fmt: skip
 from identification.observation.sums import Sums
@@ -42,7 +41,6 @@ ILL_CONDITIONED = 1e4  # condition number above which normal equations keep fewe
 WELL_CONDITIONED = 1e5  # the same, up to which they give a residual to six digits
 MOST_PASSES = 30  # streams through the data
 MOST_RETREATS = 6  # restarts with a tighter prior after divergence
-HELD_ENTRIES = 4_000_000  # of M, dense: limits the memory
 FIRST_NOISE_ROUNDS = 20  # of alternating between noise levels and the step that they weigh
 LINEAR_SHARE = 0.1  # movement of the tip over the machine's size up to which M hardly changes; by judgement
 
@@ -339,18 +337,8 @@ class Solver:
 
     def triangle(self, base: Index, above: Array, *, read: bool = False) -> Array:
         """Triangular factor of the base columns over all rows and `above`; `read`: with the readings as last column."""
-        factor = above
-        for view in self.views:
-            if read:
-                vector = view_vector(view, self.place, np.zeros(len(self.unknowns)), self.held)
-                gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(vector)])
-            size = max(RANK_SAMPLE_ROWS, min(KERNEL_BLOCK_ROWS, HELD_ENTRIES // (len(view.outputs) * len(base) + 1)))
-            for part in (slice(start, start + size) for start in range(0, len(view), size)):
-                rows = design_rows(view.part(part), self.place, size)[:, base]
-                rows = np.column_stack([rows, gap[:, part].ravel()]) if read else rows
-                rows /= self.sigma[view.kind]
-                factor = np.asarray(np.linalg.qr(np.vstack([factor, rows]), mode="r"))
-        return factor
+        at = np.zeros(len(self.unknowns)) if read else None
+        return triangular_factor(self.views, self.place, self.sigma, base, above, self.held, at)
 
     def pass_(self, values: Array, at: Array | None, gram: bool) -> dict[Kind, Sums]:
         taken, self.taken = self.taken, values
