@@ -25,6 +25,7 @@ MOST = 400  # proposals, those with most evidence by themselves, of which all pa
 TRIED = 3  # pairs of names of which the shapes are optimised
 SWEEPS = 3  # over the shapes of the two
 AT_ONCE = 20_000  # pairs
+LEAST_POSITIONS = 15  # of a joint: through fewer, two forms with four shapes and sizes each nearly pass; by judgement
 
 
 def likeliest_two(
@@ -32,10 +33,15 @@ def likeliest_two(
 ) -> list[Step]:
     """The others and the likeliest two names with a form of their own that some channels drive; none: nothing.
 
+    Of a joint with few positions nothing: they do not show two forms.
+
     Parameters
     ----------
     others : the findings beside which they are.
     """
+    moving = (j.name for j in start.scene.moving if j.name in drivers)
+    if any(len(np.unique(start.channel(name))) < LEAST_POSITIONS for name in moving):
+        return []
     linear = replayed(start, others).linear
     evidence = candidates.scores(linear).evidence
     able = [
