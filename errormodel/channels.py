@@ -5,7 +5,7 @@
 - ``lag(T_bed,600)``: the column after a first-order lag of 600 s.
 - ``initial(T_bed,600)``: what such a lag keeps of 1 K in the first row: ``exp(-t/600)``.
 - ``play(X,0.01)``: X after a play of 0.01 (mm or rad), in the order of the rows.
-- ``run(3)``: 1 in the rows of run 3, else 0.
+- ``run(3)``: 1 in the rows of run 3, else 0, as where no row has a run.
 - ``of(points)``: 1 in rows of no observation of single readings, else 0; ``of(L1)``: in those of the observation L1.
 - ``row``: number of the row in the fitted file, from 1; rows of test files and of predictions come after it.
 - ``speed(X|X,Y,Z|A,C)``: speed of X (mm/s or rad/s, with its sign) as its share of the ``feed`` along the path of the
@@ -82,7 +82,8 @@ def channel(table: pd.DataFrame, name: str) -> Array:
         test = (table["role"] == "test").to_numpy()
         return np.where(test, float(rows[~test].max(initial=0.0)) + np.cumsum(test), rows)
     if name.startswith("run("):
-        return np.asarray(table["run"].astype(str) == name[4:-1], dtype=np.float64)
+        own = table["run"].astype(str) == name[4:-1] if "run" in table else np.zeros(len(table))
+        return np.asarray(own, dtype=np.float64)
     if name.startswith("of("):
         from errormodel.surveys.observations import observed
 

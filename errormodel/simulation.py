@@ -95,6 +95,18 @@ def random_points(machine: Machine, count: int, seed: int = 0) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
+def runs_without_commands(machine: Machine, points: pd.DataFrame | None = None) -> tuple[str, ...]:
+    """A sentence on each run that an effect goes with and no command is of; `points` None: commands without runs."""
+    runs = set[str]() if points is None else {*points["run"].astype(str)}
+    own = dict.fromkeys(name[4:-1] for name in Chain(machine).channels if name.startswith("run("))
+    return tuple(
+        f"no command is of run {run}: what the machine does in that run alone is zero here. Name the run of each "
+        "command in a column run to have it"
+        for run in own
+        if run not in runs
+    )
+
+
 def _degrees(angles: Array) -> Array:
     """Angles (rad) in degrees, with the fewest digits that give the same angle: 30 and not 29.999999999999996."""
     degrees: Array = np.degrees(angles)

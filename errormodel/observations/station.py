@@ -57,7 +57,8 @@ def located(
         return {"dead_path": float(np.median(np.linalg.norm(points - station, axis=1) - readings))}
     if any(n in known for n in "xyz"):  # the schema gives all three or none
         raise ValueError("a station of which one coordinate is known. Give all three or none")
-    if near is None and (way := _direction(points)) is not None:
+    way, spread = _direction(points), float(np.ptp(points, axis=0).max())
+    if near is None and way is not None:
         raise LineError(
             "lengths to points on a straight line, which do not show where the station stands. Write near: with where "
             "it stood, roughly; `iso` takes such lengths as displacements along the line without it",
@@ -66,10 +67,11 @@ def located(
     fixed = known.get("dead_path")
     starts = _starts(points, readings, fixed)
     if near is not None:
-        lacking = float(np.median(np.linalg.norm(points - np.asarray(near), axis=1) - readings))
-        starts.append(np.array([*near, lacking if fixed is None else fixed]))
+        starts.append(_from(points, readings, fixed, np.asarray(near, dtype=np.float64)))
+        if way is not None and (place := _kept_on_line(points, way, readings, fixed, starts[-1])) is not None:
+            return _named(names, place)
     found = sorted((_refined(points, readings, fixed, s) for s in starts), key=lambda f: f[1])
-    (best, misfit), spread = found[0], float(np.ptp(points, axis=0).max())
+    best, misfit = found[0]
     if misfit > FOREIGN * spread:
         raise ValueError(
             f"lengths that fit a station nowhere: at best half of them are {misfit:.3g} mm off. Look for a wrong unit, "
@@ -91,7 +93,36 @@ def located(
                 f"lengths that fit a station at {one} and at {two} mm alike. Write near: with the one where it stood, "
                 "roughly"
             )
-    return {n: float(best["xyz".index(n)] if n in "xyz" else best[3]) for n in names}
+    return _named(names, best)
+
+
+def _from(points: Array, readings: Array, dead_path: float | None, place: Array) -> Array:
+    """A place (3,) with its dead path: the known one, or the one that most lengths from there lack, (4,)."""
+    lacking = float(np.median(np.linalg.norm(points - place, axis=1) - readings))
+    return np.append(place, lacking if dead_path is None else dead_path)
+
+
+def _kept_on_line(points: Array, way: Array, readings: Array, dead_path: float | None, near: Array) -> Array | None:
+    """The place (4,) on the straight line of the points that is nearest to `near`, if lengths fit it; else None.
+
+    Lengths show how far beside that line their station stands to second order, and no better than the errors of the
+    machine let them: from a place on the line an estimation does not leave it.
+    """
+    middle = points.mean(axis=0)
+    place = _from(points, readings, dead_path, middle + ((near[:3] - middle) @ way) * way)
+    if dead_path is not None:
+        too_far = float(np.median(np.linalg.norm(points - place[:3], axis=1) - readings)) - dead_path
+        place[:3] -= too_far * np.sign((place[:3] - middle) @ way) * way
+    on_line, there = (
+        float(np.median(np.abs(np.linalg.norm(points - at[:3], axis=1) - readings - at[3]))) for at in (place, near)
+    )
+    spread = float(np.ptp(points, axis=0).max())
+    return place if on_line <= min(STEP * spread, SAME_MISFIT * there + ROUND_OFF * spread) else None
+
+
+def _named(names: Sequence[str], place: Array) -> dict[str, float]:
+    """Those of x, y, z and the dead path that are asked for, of a place (4,)."""
+    return {n: float(place["xyz".index(n)] if n in "xyz" else place[3]) for n in names}
 
 
 def _direction(points: Array) -> Array | None:
@@ -209,11 +240,8 @@ def _starts(points: Array, readings: Array, dead_path: float | None) -> list[Arr
     ways = np.array([(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if i or j or k], dtype=float)
     if out:  # the linear solution is near; others show whether a place on another side explains the lengths as well
         ways = ways[np.abs(ways).sum(axis=1) != 2]
-    for way in ways / np.linalg.norm(ways, axis=1)[:, None]:
-        place = middle + far * way
-        lacking = float(np.median(np.linalg.norm(points - place, axis=1) - readings))
-        out.append(np.append(place, lacking if dead_path is None else dead_path))
-    return out
+    unit = ways / np.linalg.norm(ways, axis=1)[:, None]
+    return out + [_from(points, readings, dead_path, middle + far * way) for way in unit]
 
 
 def _refined(points: Array, readings: Array, dead_path: float | None, start: Array) -> tuple[Array, float]:

@@ -161,15 +161,25 @@ def check_declared(fit: Fit) -> None:
 
 
 def check_readings(fit: Fit) -> None:
-    """Raise InputError where single readings lie further beside the nominal machine than errors of a machine go."""
+    """Raise InputError where readings lie further beside the nominal machine, or the fit, than errors of one go."""
     if fit.readings is None:
         return
-    names = observed(fit.survey.table)
-    for label, observation in fit.survey.observations.items():
-        own = names == label
+    refuse_far_readings(fit.chain, fit.survey, fit.readings.nominal)
+    _refuse_contradiction(fit, observed(fit.survey.table))
+
+
+def refuse_far_readings(chain: Chain, survey: Survey, nominal: Array) -> None:
+    """Raise InputError where single readings lie further beside the nominal machine than errors of a machine go.
+
+    Parameters
+    ----------
+    nominal : (rows,) readings less those of a machine without errors whose set-ups fit them best, mm or rad; or NaN.
+    """
+    names = observed(survey.table)
+    for label, observation in survey.observations.items():
         length = observation.reading == "length"
-        limit = FOREIGN_MACHINE_SHARE * (fit.chain.size if length else 1.0)
-        gaps = np.abs(fit.readings.nominal[own & np.isfinite(fit.readings.nominal)])
+        limit = FOREIGN_MACHINE_SHARE * (chain.size if length else 1.0)
+        gaps = np.abs(nominal[(names == label) & np.isfinite(nominal)])
         if not len(gaps) or np.median(gaps) < limit:
             continue
         size = f"{np.median(gaps):.3g} {'mm' if length else 'rad'}"
@@ -182,8 +192,7 @@ def check_readings(fit: Fit) -> None:
         )
         if not length:
             cure += ". A column angle is in rad unless units: {reading: arcsec} says another"
-        raise InputError(f"{fit.survey.source}, observation {label}", found, cure)
-    _refuse_contradiction(fit, names)
+        raise InputError(f"{survey.source}, observation {label}", found, cure)
 
 
 def _refuse_contradiction(fit: Fit, names: Array) -> None:
@@ -219,15 +228,33 @@ def contradictions(fit: Fit) -> Iterator[str]:
         every += [(e.observation, e) for e in fit.readings.errors(fit.survey)]
     if fit.motions is not None:
         every += [(e.symbol, e) for e in fit.motions.errors(fit.survey)]
+    worse = list[tuple[str, ReadingErrors | MotionErrors]]()
     for name, e in every:
         ratio = (e.fitted / max(e.nominal, 1e3 * EXACT_MM)) ** 2
         clear = ratio > BETTER_VARIANCE and e.n * np.log(ratio) / 2 > np.log(BETTER_ODDS)
         if clear and e.fitted > 1e3 * FINEST_MM:
-            yield (
-                f"readings of {name} fit the machine without errors better ({e.nominal:.3g} {e.unit} rms) than the "
-                f"fitted one ({e.fitted:.3g}), which contradicts them for the rest of the survey: look for a wrong "
-                "sign, temperature or known number, there and in the rest, and for an effect that the machine lacks"
-            )
+            worse.append((name, e))
+    if not worse:
+        return
+    name, first = worse[0]
+    others = ", ".join(f"{n} ({e.nominal:.3g} {e.unit}, {e.fitted:.3g})" for n, e in worse[1:])
+    cause, where = "the rest of the survey", "there and in the rest"
+    most = _most_misfit(fit)
+    if most and most[0] not in dict(worse):
+        own, where = dict(every)[most[0]], f"in {most[0]} first"
+        cause = f"those of {most[0]} ({own.nominal:.3g} {own.unit} rms beside the former, {own.fitted:.3g} the latter)"
+    yield (
+        f"readings of {name} fit the machine without errors better ({first.nominal:.3g} {first.unit} rms) than the "
+        f"fitted one ({first.fitted:.3g}){f', so do those of {others}' if others else ''}; the fit contradicts them "
+        f"for {cause}: look for a wrong unit, sign, temperature or known number, {where}, and for an effect that the "
+        "machine lacks"
+    )
+
+
+def _most_misfit(fit: Fit) -> tuple[str, float] | None:
+    """As of `Readings.most_misfit`."""
+    s = fit.solution
+    return fit.readings.most_misfit(fit.problem.readings, s.sigma, s.chi2) if fit.readings else None
 
 
 def noise_notes(fit: Fit) -> Iterator[str]:
@@ -251,7 +278,9 @@ def noise_notes(fit: Fit) -> Iterator[str]:
         else ""
     )
     if ratio > WRONG_UNIT_FACTOR:
-        yield f"the residuals are {ratio:.3g} times as large as the declared uncertainty.{unit}"
+        most = _most_misfit(fit)
+        above = f", those of {most[0]} {most[1]:.3g} times" if most else ""
+        yield f"the residuals are {ratio:.3g} times as large as the declared uncertainty{above}.{unit}"
     elif s.dof >= FEW_DOF and chdtr(s.dof, CAUTIOUS_DECLARATION_FACTOR**2 * s.chi2) < BY_CHANCE:
         yield (
             f"{_seen(fit, ratio)}the declared uncertainty is {1 / ratio:.3g} times as large as the residuals show, and "

@@ -17,6 +17,7 @@ from errormodel.conventions import ROTATIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
+from errormodel.surveys.observations import is_unknown
 from errormodel.yamlfile import Document
 from identification.bayes.settings import PriorForm
 from identification.estimation.bounded import bounded
@@ -152,9 +153,8 @@ def _fit(
         *sign_notes(problem.views),
     )
     nominal = Spread.of(nominal_residuals)
-    if another(chain, nominal):
-        notes = (*notes, far_off(nominal))
-    notes = (*notes, *(b.statement for b in at_bound))
+    far = (far_off(nominal),) if another(chain, nominal) else ()
+    notes = (*notes, *far, *(b.statement for b in at_bound))
     fit = Fit(
         chain, rows, problem, solution, nominal, Spread.of(residuals), Spread.of(heldout), folds,
         residuals, nominal_residuals, heldout, notes=notes, sorting=sorting, at_bound=at_bound,
@@ -383,10 +383,11 @@ def fit_notes(survey: Survey, solution: Solution, noise: Noise | None, longest: 
                 "repeat the run, or let `errormodel diagnose` look for a drift"
             )
     if np.isfinite(solution.within):
+        what = "zero, and set-ups to where they start," if any(map(is_unknown, solution.unknowns)) else "zero"
         notes.append(
-            "the poses leave some error motions so open that the fit ran away along them: all are held to zero within "
-            f"{1e3 * solution.within:.2g} mm a metre of the machine, which changes nothing that was seen. Measure "
-            "where the joints have not been (`errormodel plan`), or declare fewer errors in machine.yaml"
+            "the poses leave some error motions so open that the fit ran away along them: all are held to "
+            f"{what} within {1e3 * solution.within:.2g} mm a metre, which changes nothing that was seen. Measure where "
+            "the joints have not been (`errormodel plan`), or declare fewer errors in machine.yaml"
         )
     notes += second_order(solution)
     if not solution.converged:

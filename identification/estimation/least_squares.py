@@ -30,7 +30,8 @@ from identification.observation.normal_equations import (
     sampled,
     total,
     weight_of,
-)  # fmt: skip
+)
+from identification.observation.readings import ReadingView
 from identification.observation.sums import Sums
 from identification.runtime.blas import one_blas_thread
 
@@ -41,6 +42,7 @@ ILL_CONDITIONED = 1e4  # condition number above which normal equations keep fewe
 WELL_CONDITIONED = 1e5  # the same, up to which they give a residual to six digits
 MOST_PASSES = 30  # streams through the data
 MOST_RETREATS = 6  # restarts with a tighter prior after divergence
+MOST_ASTRAY = 3  # passes in a row that fit worse than the start does: the steps lead away from it
 FIRST_NOISE_ROUNDS = 20  # of alternating between noise levels and the step that they weigh
 LINEAR_SHARE = 0.1  # movement of the tip over the machine's size up to which M hardly changes; by judgement
 
@@ -58,8 +60,8 @@ class Solution:
     sums : sufficient statistics of each kind, the residual taken at `values`.
     passes : streams through the data; `converged`: the last step was negligible.
     precision : (u,) of the normal prior about zero; 0: none.
-    within : standard deviation, over the machine's size, of the prior that holds rigid error motions at zero after the
-        fit diverged along weakly observable directions; inf where it did not.
+    within : standard deviation, over the machine's size, of the prior that holds rigid error motions at zero, and
+        set-ups where they start, after the fit diverged along weakly observable directions; inf where it did not.
     kept : mean square of the weighted residuals of positions, in noise variances: not 1 if rows are weighted robustly.
     at : (u,) values at which M in `sums` was taken, where errors are so large that it changes; None: at zero errors.
     """
@@ -157,7 +159,8 @@ class Solver:
         self.chain, self.views, self.unknowns, self.declared, self.exact = chain, views, unknowns, declared, exact
         self.held = np.zeros(len(chain.ids)) if held is None else held
         if not exact:  # the gap does not change from pass to pass
-            stored = [v.whitener.ndim == 1 and v.exact_columns == len(v.ids) for v in views]
+            plain = [not isinstance(v, ReadingView) and v.exact_columns == len(v.ids) for v in views]
+            stored = [own and v.whitener.ndim == 1 for own, v in zip(plain, views, strict=True)]
             if not self.held.any():  # positions: the kernel that gives M gives the gap as well
                 stored = [
                     own and not (v.any_axes and isinstance(v, PositionView))
@@ -188,7 +191,9 @@ class Solver:
         beforehand, within = self.precision, np.inf
         whole = of_its_size(self.chain, self.views, self.unknowns, seen[2])
         self.first_noise(start, sound.base, whole)
-        floors = floors_of(self.chain, self.views, start, self.sigma, self.each)
+        shown = self.least_noise(start, sound.base)
+        floors = floors_of(self.chain, self.views, start, shown, self.each)
+        beyond = max((shown[kind] / self.sigma[kind] for kind in shown), default=1.0)
         for _ in range(MOST_RETREATS):
             if not (floors.direction < groups.margin.direction and floors.lever < groups.margin.lever):
                 groups = find_groups(*seen, floors, least)
@@ -203,10 +208,10 @@ class Solver:
                 and self.misfit(sums) <= (1 + 1e-9) * self.misfit(start)
             ):
                 break
-            # the step along a weakly observable direction left the linear range: error motions get a prior of
-            # physical size, which is tightened at each restart
+            # the step along a weakly observable direction left the linear range: error motions and set-ups get a prior
+            # of physical size beside the noise that is seen, which is tightened at each restart
             within = min(0.3 * within, IMPLAUSIBLE_SHARE)
-            self.precision = beforehand + whole / within**2
+            self.precision = beforehand + whole * (beyond / within) ** 2
             self.taken, self.at = np.zeros(len(self.unknowns)), None
             self.update_noise(start, groups.base)
         else:
@@ -215,21 +220,9 @@ class Solver:
         covariance = self.covariance(groups, sums)
         free = groups.rank - round(float(np.diag(covariance) @ self.precision[base]))  # less those set by the prior
         return Solution(
-            self.unknowns,
-            values,
-            groups,
-            covariance,
-            dict(self.sigma),
-            self.declared,
-            self.misfit(sums),
-            sum(s.count for s in sums.values()) - free,
-            sums,
-            passes,
-            converged,
-            self.precision,
-            within,
-            at=self.at,
-        )
+            self.unknowns, values, groups, covariance, dict(self.sigma), self.declared, self.misfit(sums),
+            sum(s.count for s in sums.values()) - free, sums, passes, converged, self.precision, within, at=self.at,
+        )  # fmt: skip
 
     def covariance(self, groups: Groups, sums: dict[Kind, Sums]) -> Array:
         """Covariance of the groups; from a triangular factor of all rows where the normal equations lost digits."""
@@ -295,10 +288,12 @@ class Solver:
         """Steps of the normal equations from the values of the last pass, of which the sums are."""
         values = self.taken
         first = last = 0.0
+        start, astray = sums, 0
         for passes in range(1, MOST_PASSES + 1):
             self.update_noise(sums, base)
             slope = self.slope(sums)[base]
-            if not np.isfinite(slope).all():
+            astray = astray + 1 if self.misfit(sums) > (1 + 1e-9) * self.misfit(start) else 0
+            if astray == MOST_ASTRAY or not np.isfinite(slope).all():
                 return values, sums, passes, False
             equations = self.weighed(sums, base)
             step = equations.solve(slope)
@@ -364,22 +359,32 @@ class Solver:
             self.last = WeighedEquations(sums, dict(self.sigma), self.precision, base)
         return self.last
 
+    def shown_noise(self, sums: dict[Kind, Sums], base: Index, kinds: Sequence[Kind]) -> dict[Kind, float]:
+        """Noise levels of some kinds by the predicted residuals after the next step."""
+        alone, step = len(sums) == 1 and not self.precision.any(), np.zeros(len(self.unknowns))
+        equations, out = self.weighed(sums, base), dict[Kind, float]()
+        step[base] = equations.solve(self.slope(sums)[base])
+        for kind in kinds:
+            own = sums[kind]
+            square = own.square - 2 * float(step @ own.slope) + float(step @ (own.gram @ step))
+            square = max(square, 1e-30 * max(own.square, 1e-30))
+            free = own.count - (float(len(base)) if alone else equations.used[kind])
+            out[kind] = float(np.sqrt(square / max(free, 1e-3)))
+        return out
+
+    def least_noise(self, sums: dict[Kind, Sums], base: Index) -> dict[Kind, float]:
+        """Noise levels; of kinds whose level is known no less than what their residuals show."""
+        known = [k for k in sums if k in self.known and sums[k].count > len(base)]
+        return self.sigma | {k: max(self.sigma[k], v) for k, v in self.shown_noise(sums, base, known).items()}
+
     def update_noise(self, sums: dict[Kind, Sums], base: Index) -> None:
         """Estimate the noise level of each undeclared kind, from the predicted residuals after the next step."""
         open_kinds = [k for k in sums if k not in self.known]
         if not open_kinds:
             return
-        alone, step = len(sums) == 1 and not self.precision.any(), np.zeros(len(self.unknowns))
         for _ in range(50 if len(sums) > 1 else 1):
-            equations = self.weighed(sums, base)
-            step[base] = equations.solve(self.slope(sums)[base])
-            before = dict(self.sigma)
-            for kind in open_kinds:
-                own = sums[kind]
-                square = own.square - 2 * float(step @ own.slope) + float(step @ (own.gram @ step))
-                free = own.count - (float(len(base)) if alone else equations.used[kind])
-                square = max(square, 1e-30 * max(own.square, 1e-30))
-                self.sigma[kind] = float(np.sqrt(square / max(free, 1e-3)))
+            before = self.sigma
+            self.sigma = before | self.shown_noise(sums, base, open_kinds)
             # noise-free angles beside noisy positions would make the normal equations singular
             turning = {v.kind for v in self.views if v.turns}
             reach = {kind: self.chain.size if kind in turning else 1.0 for kind in open_kinds}

@@ -8,6 +8,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
+from errormodel.surveys.observations import is_unknown
 from identification.observation.identifiability import Floors
 from identification.observation.models import Kind, View
 from identification.observation.normal_equations import RANK_SAMPLE_ROWS, sampled, weight_of
@@ -60,10 +61,11 @@ def _of_errors(chain: Chain, views: Sequence[View], off: float) -> float:
 
 
 def of_its_size(chain: Chain, views: Sequence[View], unknowns: Sequence[str], full: Array) -> Array:
-    """Precision (unknowns,) of rigid error motions whose prior moves the tip by the machine's size.
+    """Precision (unknowns,) of rigid error motions and set-ups whose prior moves the tip by the machine's size.
 
     `full` are the norms of their columns at full travel and lever.
     """
     reach = full / np.sqrt(sum(map(weight_of, views)))  # mm at the tip per unit of each
     rigid = np.isin(unknowns, [*{*chain.machine_ids} - chain.of_effects])
-    return np.where(rigid, np.square(reach / chain.size), 0.0)
+    set_up = np.array([is_unknown(name) for name in unknowns], dtype=bool)
+    return np.where(rigid | set_up, np.square(reach / chain.size), 0.0)

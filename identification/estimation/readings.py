@@ -14,8 +14,10 @@ from errormodel.arrays import Array
 from errormodel.survey import Survey
 from errormodel.surveys.observations import observed
 from identification.estimation.weights import Judgement
-from identification.observation.models import View
+from identification.observation.models import Kind, View
 from identification.observation.readings import ReadingView
+
+MOST_MISFIT = 0.5  # of the weighted sum of squares: an observation with more of it draws the fit
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,23 @@ class Readings:
             if isinstance(view, ReadingView):
                 gone[view.index[own.out]] = True
         return Readings(*(np.where(gone, np.nan, a) for a in (self.nominal, self.fitted, self.heldout)))
+
+    def most_misfit(
+        self, views: Sequence[ReadingView], sigma: Mapping[Kind, float], chi2: float
+    ) -> tuple[str, float] | None:
+        """The observation that most of the misfit is of, and its residuals in standard uncertainties, rms.
+
+        Parameters
+        ----------
+        sigma : noise level of each kind in units of its whitener; `chi2`: weighted sum of squares of the whole fit.
+        """
+        parts: dict[str, list[Array]] = {}
+        for view in views:
+            left = self.fitted[view.index] * view.whitener / sigma[view.kind]
+            parts.setdefault(view.label, []).append(left[np.isfinite(left)])
+        squares = {label: np.square(np.concatenate(own)) for label, own in parts.items()}
+        most = (k for k, square in squares.items() if square.sum() > MOST_MISFIT * chi2)
+        return next(((label, float(np.sqrt(squares[label].mean()))) for label in most), None)
 
     def errors(self, survey: Survey) -> Iterator[ReadingErrors]:
         """Root mean squares of each observation, in the order of the survey."""

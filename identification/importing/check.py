@@ -13,8 +13,17 @@ from errormodel.conventions import MOTIONS
 from errormodel.machine import Joint, Machine
 from errormodel.survey import Survey
 from errormodel.surveys.columns import ORIENTATION, SIGMA_COLUMNS
-from identification.diagnosis.data_checks.readings import Lengths, length_lines, lengths_of, refuse_exchanged
+from errormodel.surveys.observations import groups
+from identification.diagnosis.data_checks.readings import (
+    Lengths,
+    length_lines,
+    lengths_of,
+    refuse_exchanged,
+    refuse_exchanged_names,
+)
 from identification.diagnosis.data_checks.temperature_sensors import faults, incomplete
+from identification.estimation.checks import refuse_far_readings
+from identification.estimation.fit import anchored, nominal_readings
 from identification.importing.proof import Proof, prove
 from identification.importing.text import proof_lines
 from identification.observation.assembly import build
@@ -56,8 +65,18 @@ def check_survey(machine: Machine, survey: Survey) -> Checked:
     proof = prove(machine, survey, False, points)
     chain = Chain(machine)
     lengths = lengths_of(chain, build(chain, survey).views) if "length" in survey.table else []
+    refuse_exchanged_names(chain, survey, lengths)
     refuse_exchanged(survey, lengths)
+    _refuse_far(chain, survey.fit)
     return Checked(machine, survey, proof, describe(machine, survey), tuple(lengths))
+
+
+def _refuse_far(chain: Chain, survey: Survey) -> None:
+    """InputError about readings that no machine gives, however it is set up, as after a fit."""
+    if not any(groups(survey.table, survey.observations)):
+        return
+    problem, _ = anchored(build(chain, survey), len(survey))
+    refuse_far_readings(chain, survey, nominal_readings(problem, len(survey), None))
 
 
 def check_lines(checked: Checked) -> Iterator[str]:
@@ -103,6 +122,8 @@ def _measured(survey: Survey) -> Iterator[str]:
         yield f"standard uncertainties in the file: {1e3 * float(np.nanmedian(table[sigma])):.3g} um (median)"
     elif survey.instrument.stated:
         yield f"standard uncertainties from the instrument ({survey.instrument.type})"
+    elif declared := [label for label, o in survey.observations.items() if o.sigma is not None]:
+        yield f"standard uncertainties of {', '.join(declared)} as declared (sigma)"
     else:
         yield "no standard uncertainties: the noise will be estimated from the residuals"
 

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from errormodel import simulate
+from errormodel.chain import Chain
 from errormodel.effects import make
 from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.diagnosis.pipeline import diagnose
+from tests.helpers.commands import done
 from tests.helpers.diagnosed import empty_survey, showing
 from tests.helpers.findings import made
 
@@ -57,3 +62,28 @@ def test_loads_of_runs_that_nobody_recorded_are_named_at_their_joint(joint: str)
 def test_a_sag_by_run_is_of_a_rotary_joint_and_its_lever() -> None:
     with pytest.raises(InputError, match="by run is that of a rotary joint with gravity"):
         make(EffectSpec("payload-sag", {"joint": "X", "run": ["2"]}))
+
+
+def test_commands_of_no_run_have_no_load_of_a_run_and_a_note_says_so(tmp_path: Path) -> None:
+    """As a number of random poses, or rows of another run."""
+    arm, out = tmp_path / "arm.yaml", tmp_path / "out.csv"
+    arm.write_text(
+        "errormodel: 1\nname: arm\nunits: {length: mm, angle: deg}\n"
+        "chain: [{joint: C, type: rotary, axis: z, travel: [-90, 90]}]\ntool: [300, 0, 0]\nerrors: {}\n"
+        'effects: [{effect: payload-sag, joint: C, gravity: -x, run: ["2"]}]\n'
+    )
+    machine = read_machine(arm)
+    (lever,) = (p.id for p in Chain(machine).parameters if "payload" in p.id)
+    values = {lever: 1e-5}
+    rows = pd.DataFrame({"C": [30.0, 60.0], "tool_x": 300.0, "tool_y": 0.0, "tool_z": 0.0})
+    moved = [np.ptp([simulate(machine, rows.assign(run=run), v)["mx"] for v in ({}, values)], axis=0) for run in "12"]
+    assert moved[0].max() == 0.0
+    assert moved[1].min() > 0.01
+    assert simulate(machine, 5, values)["mx"].tolist() == simulate(machine, 5)["mx"].tolist()
+    for commands in ("5", rows):
+        if not isinstance(commands, str):
+            rows.to_csv(tmp_path / "commands.csv", index=False)
+        said = done("simulate", arm, commands if isinstance(commands, str) else tmp_path / "commands.csv", "--out", out)
+        assert (
+            "note: no command is of run 2: what the machine does in that run alone is zero here" in said.err + said.out
+        )

@@ -26,12 +26,18 @@ from identification.diagnosis.data_checks.duplicates_and_clock import copied_row
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
 from identification.diagnosis.data_checks.opposite_readings import opposite_readings
 from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
-from identification.diagnosis.data_checks.readings import lengths_of, refuse_minority, start_notes
+from identification.diagnosis.data_checks.readings import (
+    lengths_of,
+    refuse_exchanged_names,
+    refuse_minority,
+    start_notes,
+)
 from identification.diagnosis.data_checks.readings import refuse_wild as refuse_wild_lengths
 from identification.diagnosis.data_checks.runs_of_motions import refuse_unlike_runs
 from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
 from identification.estimation.checks import FOREIGN_MACHINE_SHARE, WILD, WILD_FROM, another, far_off, looked_over
 from identification.estimation.result import Fit
+from identification.observation.assembly import build
 from identification.observation.frames import MACHINE_ERROR_SHARE
 from identification.observation.readings import ReadingView
 
@@ -60,12 +66,14 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
         _refuse_copies(Chain(machine), survey)
         if not robust:  # which says itself that too many rows are wrong
             examine(machine, survey)  # a mistake is a better reason than what came of it
+            _refuse_names(Chain(machine), survey)
         raise
     _refuse_copies(fit.chain, survey)
     lengths = lengths_of(fit.chain, fit.problem.views)
     if robust:
         refuse_minority(survey, fit)
     else:
+        refuse_exchanged_names(fit.chain, fit.survey, lengths)
         refuse_wild_lengths(survey, lengths)
     fit = replace(fit, notes=(*fit.notes, *start_notes(fit.survey, lengths)))
     refuse_turned_head(fit)
@@ -97,6 +105,12 @@ def _refuse_opposite(survey: Survey, fit: Fit) -> None:
     points = (v for v in fit.counted if not isinstance(v, ReadingView))
     if (found := opposite_readings(survey, fit.problem, (*points, *fit.problem.readings))) is not None:
         raise InputError(str(survey.source), found.text, _cure(found))
+
+
+def _refuse_names(chain: Chain, survey: Survey) -> None:
+    """InputError about two names of observations that are exchanged, in a survey that cannot be fitted."""
+    if "length" in survey.fit.table:
+        refuse_exchanged_names(chain, survey.fit, lengths_of(chain, build(chain, survey.fit).views))
 
 
 def _refuse_copies(chain: Chain, survey: Survey) -> None:

@@ -136,9 +136,8 @@ def _found(
 
 
 def _known(problem: Problem, views: Sequence[View]) -> Solution:
-    """What views determine; noise levels are estimated, also where they are declared."""
-    read = any(isinstance(v, ReadingView) for v in views)  # points are solved in the linear model, which costs less
-    return solve(problem.chain, views, problem.unknowns, exact=read)
+    """What views determine in the linear model, in which readings are compared; also declared noise is estimated."""
+    return solve(problem.chain, views, problem.unknowns, exact=False)
 
 
 def _compared(own: Own, known: Solution) -> Compared | None:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -16,10 +17,12 @@ from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
+from errormodel.surveys.columns import OBSERVATION
 from identification.diagnosis.data_checks.blunder import listed
 from identification.diagnosis.data_checks.shared_starts import WrongStart, start_lines, wrong_starts
 from identification.estimation.checks import WILD, WILD_FROM
 from identification.estimation.result import Fit
+from identification.observation.assembly import build
 from identification.observation.frames import MACHINE_ERROR_SHARE
 from identification.observation.models import View
 from identification.observation.readings import ReadingView
@@ -95,6 +98,44 @@ def refuse_exchanged(survey: Survey, lengths: Sequence[Lengths]) -> None:
         )
         found += "fits in the place of the other"
         raise InputError(_place(survey, own), found, "Give each length with the command at which it was read")
+
+
+def refuse_exchanged_names(chain: Chain, survey: Survey, lengths: Sequence[Lengths]) -> None:
+    """InputError about two observations of a type whose readings lie far off, and where they should by the other name.
+
+    Parameters
+    ----------
+    survey : what `lengths` are of.
+    """
+    off = _typical(lengths)
+    far = [label for label, size in off.items() if size > WILD_FROM * chain.size]
+    for one, other in combinations(far, 2):
+        if survey.observations[one].type != survey.observations[other].type:
+            continue
+        table, pair = survey.table.copy(), {one: other, other: one}
+        table[OBSERVATION] = table[OBSERVATION].replace(pair)
+        try:
+            views = build(chain, replace(survey, table=table)).views
+        except InputError:  # by these names there is no place for an instrument
+            continue
+        so = _typical(lengths_of(chain, [v for v in views if isinstance(v, ReadingView) and v.label in pair]))
+        if all(so[label] < min(off[label] / WILD, WILD_FROM * chain.size) for label in pair):
+            file = survey.table["file"].iloc[next(own.index[0] for own in lengths if own.label == one)]
+            found = (
+                f"the readings of '{one}' and '{other}' are exchanged: half of them lie more than "
+                f"{min(off[one], off[other]):.3g} mm beside the nominal machine, and within "
+                f"{max(so.values()):.2g} mm of it by the name of the other"
+            )
+            cure = "Exchange the two names in the column observation, or under observations: in survey.yaml"
+            raise InputError(f"{file}, observations {one}, {other}", found, cure)
+
+
+def _typical(lengths: Sequence[Lengths]) -> dict[str, float]:
+    """Distance that half of the readings of each observation lie beside the nominal machine, mm, over all its runs."""
+    gaps: dict[str, list[Array]] = {}
+    for own in lengths:
+        gaps.setdefault(own.label, []).append(np.abs(own.gap))
+    return {label: float(np.median(np.concatenate(parts))) for label, parts in gaps.items()}
 
 
 def refuse_wild(survey: Survey, lengths: Sequence[Lengths]) -> None:
