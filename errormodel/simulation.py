@@ -95,10 +95,10 @@ def random_points(machine: Machine, count: int, seed: int = 0) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def runs_without_commands(machine: Machine, points: pd.DataFrame | None = None) -> tuple[str, ...]:
-    """A sentence on each run that an effect goes with and no command is of; `points` None: commands without runs."""
-    runs = set[str]() if points is None else {*points["run"].astype(str)}
-    own = dict.fromkeys(name[4:-1] for name in Chain(machine).channels if name.startswith("run("))
+def _runs_without_commands(chain: Chain, table: pd.DataFrame) -> tuple[str, ...]:
+    """A sentence on each run that an effect goes with and no command is of."""
+    runs = {*table["run"].astype(str)} if "run" in table else set[str]()
+    own = dict.fromkeys(name[4:-1] for name in chain.channels if name.startswith("run("))
     return tuple(
         f"no command is of run {run}: what the machine does in that run alone is zero here. Name the run of each "
         "command in a column run to have it"
@@ -157,7 +157,8 @@ def simulate(
     -------
     DataFrame
         Commands (mm, degrees) and ``mx my mz`` (mm), a survey that `identification.fit` takes. Rows of an observation
-        have its reading (``length`` in mm, ``angle`` in rad) and no position.
+        have its reading (``length`` in mm, ``angle`` in rad) and no position. ``attrs["notes"]``: sentences on runs of
+        which no command is.
 
     Raises
     ------
@@ -218,4 +219,6 @@ def simulate(
         result = result.assign(**read)
         if own.all():  # nothing but readings
             result = result.drop(columns=list(MEASURED))
-    return outward(marred(result, model), model)
+    out = outward(marred(result, model), model)
+    out.attrs["notes"] = _runs_without_commands(chain, table)
+    return out

@@ -148,11 +148,8 @@ def simulate(
     """Simulate what would be measured at POINTS (a survey's commands, or a number of random poses)."""
     from errormodel import read_survey
     from errormodel import simulate as simulated
-    from errormodel.simulation import runs_without_commands
 
     model = read_model(machine)
-    if points.isdecimal():
-        show_notes(runs_without_commands(model))
     if stream:
         from identification.command_line.streams import simulate_stream
 
@@ -160,9 +157,10 @@ def simulate(
     survey = None
     if not points.isdecimal():
         survey = read_survey(Path(points), model, measured=False)
-        show_notes((*survey.notes, *runs_without_commands(model, survey.table)))
+        show_notes(survey.notes)
     given = count_of(points, MOST_POSES) if survey is None else survey
     result = simulated(model, given, parameters, noise=_noise(noise, survey), seed=seed)
+    show_notes(result.attrs["notes"])
     out.write_csv(result)
     say(f"{len(result)} points written to {out}")
     return None
