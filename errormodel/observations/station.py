@@ -25,6 +25,7 @@ MOST_STEPS = 5  # in one recording
 MOST_EVALUATIONS = 50  # of one start: where lengths fit a station, 33 were the most
 MOST_TURNS = 10  # of the robust estimation, and
 SETTLED = 0.5  # of the scale before: less of a change ends it
+BEHIND = -0.7  # cosine of the directions to two places, which are on opposite sides below it; by judgement
 FAR_AWAY = 100.0  # times the spread of the points: 80 m about a machine of 0.8 m, the range of the instruments
 FLAT = 1e-6  # smallest over largest spread of points below which they lie in a plane or on a line
 
@@ -81,6 +82,7 @@ def located(
     alike = [place for place, its in found if its <= SAME_MISFIT * misfit + ROUND_OFF * reach]
     if near is not None:  # a start there may end at another place that explains the lengths as well
         best = min(alike, key=lambda place: float(np.linalg.norm(place[:3] - near)))
+        _refuse_other_side(points, best, np.append(near, 0.0))
     for other in alike if near is None else ():
         if np.linalg.norm(other[:3] - best[:3]) > SAME_PLACE * reach:
             if min(np.linalg.norm(s[:3] - points.mean(axis=0)) for s in (best, other)) > FAR_AWAY * spread:
@@ -118,6 +120,18 @@ def _kept_on_line(points: Array, way: Array, readings: Array, dead_path: float |
     )
     spread = float(np.ptp(points, axis=0).max())
     return place if on_line <= min(STEP * spread, SAME_MISFIT * there + ROUND_OFF * spread) else None
+
+
+def _refuse_other_side(points: Array, place: Array, near: Array) -> None:
+    """ValueError where lengths put a station behind the points, as seen from where it is said to stand."""
+    there, said = (at[:3] - points.mean(axis=0) for at in (place, near))
+    away, off = float(np.linalg.norm(there)), float(np.linalg.norm(said))
+    outside = min(away, off) > 0.5 * float(np.linalg.norm(np.ptp(points, axis=0)))
+    if outside and float(there @ said) < BEHIND * away * off:
+        raise ValueError(
+            f"lengths that fit a station at {_shown(place)} mm, on the other side of the points than near: "
+            f"{_shown(near)}. Look for a wrong sign of the lengths, or write near: with where it stood"
+        )
 
 
 def _named(names: Sequence[str], place: Array) -> dict[str, float]:

@@ -50,16 +50,25 @@ def test_a_station_roughly_on_the_line_of_its_points_stands_on_it(side: float, k
     points = np.outer(along, [0.6, 0.8, 0.0])
     stands = points[0] - 600 * np.array([0.6, 0.8, 0.0]) if side > 0 else points[-1] + 600 * np.array([0.6, 0.8, 0.0])
     readings = np.linalg.norm(points - stands, axis=1) - 100.0 + 0.02 * (along / 1000 - 1) ** 2
-    found = located(points, readings, known, near=stands + np.array([12.0, -9.0, 5.0]))  # beside it
+    found = located(points, readings, known, near=(stands + np.array([12.0, -9.0, 5.0])).tolist())
     place = np.array([found[n] for n in "xyz"])
     assert np.linalg.norm(np.cross(place, [0.6, 0.8, 0.0])) < 1e-9
     lengths = np.linalg.norm(points - place, axis=1) - {**known, **found}["dead_path"]
     assert np.abs(lengths - readings).max() < 0.021
 
 
+def test_lengths_of_the_wrong_sign_put_a_station_behind_its_points() -> None:
+    points = np.outer(np.linspace(0, 2000, 21), [1.0, 0.0, 0.0])
+    near = np.array([-600.0, 5.0, 0.0])
+    readings = np.linalg.norm(points - near, axis=1) - 600.0
+    located(points, readings, {}, near=near.tolist())
+    with pytest.raises(ValueError, match=r"other side of the points than near: .* wrong sign"):
+        located(points, -readings, {}, near=near.tolist())
+
+
 def test_a_station_beside_the_line_of_its_points_is_found_there() -> None:
     points = np.outer(np.linspace(0, 2000, 21), [1.0, 0.0, 0.0])
     for stands in ([-300.0, 150.0, 0.0], [-300.0, 0.0, 18.0]):
         readings = np.linalg.norm(points - stands, axis=1) - 40.0
-        found = located(points, readings, {}, near=np.add(stands, [3.0, 0.5, -0.5]))
-        assert np.hypot(found["y"], found["z"]) == pytest.approx(np.hypot(*stands[1:]), abs=1e-3)
+        found = located(points, readings, {}, near=[stands[0] + 3.0, stands[1] + 0.5, stands[2] - 0.5])
+        assert np.hypot(found["y"], found["z"]) == pytest.approx(float(np.linalg.norm(stands[1:])), abs=1e-3)
