@@ -56,6 +56,11 @@ CLOCKS = "time", "row"  # of a survey: times or, where these were not recorded, 
 POINT_CHANNELS = ("point_x", "point_y", "point_z")
 
 
+def run_of(name: str) -> str:
+    """Label of the run whose rows a channel marks (``run(3)``); else empty."""
+    return name[4:-1] if name.startswith("run(") else ""
+
+
 def channel(table: pd.DataFrame, name: str) -> Array:
     """Return one channel over all rows, (n,).
 

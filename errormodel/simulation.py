@@ -13,6 +13,7 @@ import numpy as np
 
 from errormodel.arrays import Array, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain
+from errormodel.channels import run_of
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.instruments.base import Instrument
@@ -98,7 +99,7 @@ def random_points(machine: Machine, count: int, seed: int = 0) -> pd.DataFrame:
 def _runs_without_commands(chain: Chain, table: pd.DataFrame) -> tuple[str, ...]:
     """A sentence on each run that an effect goes with and no command is of."""
     runs = {*table["run"].astype(str)} if "run" in table else set[str]()
-    own = dict.fromkeys(name[4:-1] for name in chain.channels if name.startswith("run("))
+    own = dict.fromkeys(filter(None, map(run_of, chain.channels)))
     return tuple(
         f"no command is of run {run}: what the machine does in that run alone is zero here. Name the run of each "
         "command in a column run to have it"

@@ -14,7 +14,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Mask
 from errormodel.chain import Chain
-from errormodel.channels import DERIVED_CHANNEL, channel, clocks
+from errormodel.channels import DERIVED_CHANNEL, channel, clocks, run_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -128,7 +128,7 @@ def after_gaps(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> Iterato
 
 def runs_of(chain: Chain, table: pd.DataFrame) -> list[str]:
     """Labels of a recording's runs, that of its last row last; none where no channel of the model is a run's."""
-    if "run" not in table or not any(map(_run_of, chain.channels)):
+    if "run" not in table or not any(map(run_of, chain.channels)):
         return []
     return [*dict.fromkeys(table["run"].astype(str)[::-1])][::-1]
 
@@ -144,7 +144,7 @@ def in_last_run(chain: Chain, runs: Sequence[str], table: pd.DataFrame, columns:
         return columns
     later = _not_recorded(runs, table)
     return [
-        np.where(later, float(label == runs[-1]), column) if (label := _run_of(name)) else column
+        np.where(later, float(label == runs[-1]), column) if (label := run_of(name)) else column
         for name, column in zip(chain.channels, columns, strict=True)
     ]
 
@@ -170,17 +170,12 @@ def as_in_last_run(chain: Chain, runs: Sequence[str], table: pd.DataFrame) -> It
     if not runs or not (later := _not_recorded(runs, table)).any():
         return
     names = ", ".join(filter(None, dict.fromkeys(table["run"].astype(str)[later])))
-    what = " and ".join(filter(None, map(_run_of, chain.channels)))
+    what = " and ".join(filter(None, map(run_of, chain.channels)))
     why = f"run {names} was not recorded" if names else "the commands have no column run"
     yield (
         f"{why}: what differs in run {what} is predicted as the recording ended, in run "
         f"{runs[-1]}. Write the label of a recorded run to have it as in that"
     )
-
-
-def _run_of(name: str) -> str:
-    """Label of the run whose rows a channel marks; else empty."""
-    return name[4:-1] if name.startswith("run(") else ""
 
 
 def _not_recorded(runs: Sequence[str], table: pd.DataFrame) -> Mask:

@@ -50,7 +50,8 @@ def likeliest_two(
         if evidence[n] > 0 and e.drivers and {*e.drivers} <= drivers and not (e.empirical or e.random)
     ]
     able = sorted(able, key=lambda n: -evidence[n])[:MOST]
-    tried = [_of_best_shapes(start, others, pair, candidates) for pair in _best_of_names(linear, candidates, able)]
+    pairs = _best_of_names(linear, candidates, able)
+    tried = [[*others, *_of_best_shapes(start, linear, pair, candidates)] for pair in pairs]
     return max(tried, key=lambda steps: replayed(start, steps).log_posterior, default=[])
 
 
@@ -67,17 +68,18 @@ def _best_of_names(linear: LinearModel, candidates: Candidates, able: Sequence[i
         return []
     flat, counts = np.vstack(columns), np.array([len(own) for own in columns])
     gram, slope, first = flat @ flat.T + 1e-9 * np.eye(len(flat)), flat @ linear.residual, np.cumsum(counts) - counts
-    names = np.array([candidates.effects[n].effect for n in kept])
-    best: dict[frozenset[str], tuple[float, tuple[int, int]]] = {}
+    _, name = np.unique([candidates.effects[n].effect for n in kept], return_inverse=True)
+    best: dict[tuple[int, ...], tuple[float, tuple[int, int]]] = {}
     for two in combinations_with_replacement(np.unique(counts), 2):
         one, other = (i.ravel() for i in np.meshgrid(*(np.flatnonzero(counts == k) for k in two), indexing="ij"))
-        own = names[one] != names[other]
+        own = name[one] != name[other]
         one, other = one[own], other[own]
         parts = [first[i][:, None] + np.arange(k) for i, k in zip((one, other), two, strict=True)]
         left = np.maximum(linear.square - _of_all(gram, slope, np.hstack(parts)), 1e-12 * linear.square)
         evidence = -linear.freedom / 2 * np.log(left) - sum(two) / 2 * np.log(linear.freedom)
-        for k in np.argsort(evidence)[::-1]:
-            both = frozenset((names[one[k]], names[other[k]]))
+        ranked = np.argsort(evidence)[::-1]
+        names, at = np.unique(np.sort(np.column_stack([name[one], name[other]]))[ranked], axis=0, return_index=True)
+        for both, k in zip(map(tuple, names.tolist()), ranked[at], strict=True):
             if both not in best or evidence[k] > best[both][0]:
                 best[both] = float(evidence[k]), (kept[one[k]], kept[other[k]])
     return [pair for _, pair in sorted(best.values(), reverse=True)[:TRIED]]
@@ -89,9 +91,9 @@ def _of_all(gram: Array, slope: Array, choices: Index) -> Array:
 
 
 def _of_best_shapes(
-    start: LinearModel, others: Sequence[Step], pair: tuple[int, int], candidates: Candidates
+    start: LinearModel, linear: LinearModel, pair: tuple[int, int], candidates: Candidates
 ) -> list[Step]:
-    """The others and a pair with its shapes optimised in turn, each with its prior among all candidates."""
+    """A pair with its shapes optimised in turn beside all else, each with its prior among all candidates."""
     alike = ([candidates.effects[k] for k in candidates.of_key[candidates.keys[n]]] for n in pair)
     families = [Candidates.of(start, [e for e in own if not e.random]) for own in alike]
     effects = [candidates.effects[n] for n in pair]
@@ -99,12 +101,11 @@ def _of_best_shapes(
     for _ in range(SWEEPS):
         steps = []
         for k, family in enumerate(families):
-            beside = replayed(start, others).linear.with_effect(effects[1 - k])
-            found = optimise_shapes(beside, family, 1)
+            found = optimise_shapes(linear.with_effect(effects[1 - k]), family, 1)
             if not found:
-                return list(others)
+                return []
             effects[k] = found[0].effect
             places = candidates.places[effects[k].effect]
             trials, names = len(candidates.of_key), len(candidates.places)
             steps.append(replace(found[0], trials=trials, names=names, places=places))
-    return [*others, *steps]
+    return steps
