@@ -84,9 +84,10 @@ class GantryRacking(JointEffect):
 
 
 def _of_drives(name: str, joint: Joint) -> bool:
-    """Whether a column is by its name of a joint's two drives: ``w_sync``; ``w_x2``, ``w_x2_minus_x1`` of X."""
+    """Whether a column is by its name of a joint's two drives: ``w_sync``; ``w_x2`` of X; ``w_x1_x2``, of any joint."""
     word = name.lower()
     return (
         any(hint in word for hint in DRIVE_NAME_HINTS)
         or re.search(rf"(?<![a-z]){re.escape(joint.name.lower())}_?\d", word) is not None
+        or re.search(r"(?<![a-z])([a-z]+)_?([12])(?!\d).*(?<![a-z])\1_?(?!\2)[12](?!\d)", word) is not None
     )

@@ -207,11 +207,15 @@ def test_drives_a_millimetre_apart_are_refused(tmp_path: Path) -> None:
     assert "spacing: 1.2 mm between two drives of an axis that travels 1800 mm" in refused.err
 
 
-def test_the_encoder_of_one_of_two_drives_is_their_record() -> None:
+@pytest.mark.parametrize(
+    ("joint", "column"), [("X", "w_x2"), ("Y", "w_x1_x2"), ("Y", "w_m2_minus_m1")], ids=lambda value: str(value)
+)
+def test_encoders_of_two_drives_are_their_record(joint: str, column: str) -> None:
+    """One of them by its joint's name, and two of one letter whatever joint they move."""
     machine = read_machine("gantry_crossbeam_ram")
     survey = empty_survey(machine, 260, 5, channels=False, grid=False)
-    table = survey.table.assign(w_x2=0.03 * np.random.default_rng(2).normal(size=260))
-    racking = EffectSpec("gantry-racking", {"joint": "X", "channel": "w_x2", "motion": "ec"})
+    table = survey.table.assign(**{column: 0.03 * np.random.default_rng(2).normal(size=260)})
+    racking = EffectSpec("gantry-racking", {"joint": joint, "channel": column, "motion": "ec"})
     shown = showing(replace(survey, table=table), machine, [(racking, [1e-3])], 0.004)
     (finding,) = diagnose(machine, shown).diagnosis.findings
-    assert (finding.effect, finding.where, finding.driver) == ("gantry-racking", "X", ["w_x2"])
+    assert (finding.effect, finding.where, finding.driver) == ("gantry-racking", joint, [column])
