@@ -186,10 +186,9 @@ def that_predicts(
         elif large:
             return model, final, {(s.effect.effect, s.effect.where) for s in large}
         elif _error(final) <= NO_WORSE * _error(fit):
-            shorter, fewer = _with_fewer_refinements(model, final, extended)
-            if shorter is model:
+            gone, shorter, fewer = _with_fewer_refinements(model, final, extended)
+            if gone is None:
                 return model, with_form(final, model, first), set()
-            gone = next(s for s in model.steps if s.effect.key not in {t.effect.key for t in shorter.steps})
             log.add("prediction-made-worse", "removed", gone.effect, ratio(_error(final), _error(fewer)), NO_WORSE)
             model, final = shorter, fewer
             continue  # it is fitted
@@ -208,21 +207,24 @@ def _error(fit: Fit) -> float:
 
 def _with_fewer_refinements(
     model: EffectModel, final: Fit, extended: Callable[[EffectModel], Fit]
-) -> tuple[EffectModel, Fit]:
+) -> tuple[Step | None, EffectModel, Fit]:
     """The model and its fit with the first refinements of a finding only, where that predicts rows left out best.
+
+    Before them the first refinement that was given up; None, with the model and the fit as they are, where none was.
 
     Lags of one sensor that nearly cancel fit all rows, and miss those of another time by far. Of the error's variance
     much must be beyond that of the residuals.
     """
     if _error(final) ** 2 < WORTH_A_TRIAL * (spread(final).rms_um or 0.0) ** 2:
-        return model, final
-    best, least = (model, final), _error(final) / NO_WORSE
+        return None, model, final
+    best: tuple[Step | None, EffectModel, Fit] = None, model, final
+    least = _error(final) / NO_WORSE
     for number, group in enumerate(model.findings):
         for kept in range(1, len(group)):
             shorter = of_groups(model.start, [g[:kept] if k == number else g for k, g in enumerate(model.findings)])
             fewer = extended(shorter)
             if _error(fewer) < least:
-                best, least = (shorter, fewer), _error(fewer)
+                best, least = (group[kept], shorter, fewer), _error(fewer)
     return best
 
 
