@@ -14,7 +14,7 @@ from pydantic import Field
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.ops import absolute, fmax
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import in_runs, run_channels, switched
+from errormodel.effects.shared import Positive, in_runs, run_channels, switched
 from errormodel.effects.travel import fraction
 from errormodel.machine import Machine, joint_of
 
@@ -27,6 +27,8 @@ class CompensationActive(JointEffect):
 
     The values at both ends of the travel are zero: a straight line belongs to the scale. Positive: what the table adds.
     With a `run`, or several, a table that acts only there (off, doubled, another): then the ends have values as well.
+    `size` (mm, rad) is the standard deviation of a zero-mean normal prior of the values: points that no row is near
+    stay as small as the rest.
     """
 
     effect: ClassVar[str] = "compensation-active"
@@ -38,6 +40,7 @@ class CompensationActive(JointEffect):
 
     points: Annotated[int, Field(ge=3)]
     run: str | tuple[str, ...] | None = None
+    size: Positive | None = None  # None: 10 um, 30 urad
 
     def cost(self, scene: Scene) -> float:
         return 5.0  # log prior odds against it: many linear pieces approximate any smooth curve
@@ -48,14 +51,15 @@ class CompensationActive(JointEffect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_of(machine, self.joint)
-        unit, size = ("mm", 0.01) if joint.type == "prismatic" else ("rad", 3e-5)
+        unit, usual = ("mm", 0.01) if joint.type == "prismatic" else ("rad", 3e-5)
+        size, tied = self.size or usual, self.size is not None
         u = fraction(joint, channel(self.joint)) * (self.points - 1)
         if self.run is None:
             tents = {str(k): fmax(1 - absolute(u - k), 0) for k in range(1, self.points - 1)}
         else:
             here = in_runs(channel, self.run)
             tents = {str(k): here * fmax(1 - absolute(u - k), 0) for k in range(self.points)}
-        return [EffectTerm(self.joint, label, unit, along(joint, tent), size) for label, tent in tents.items()]
+        return [EffectTerm(self.joint, label, unit, along(joint, tent), size, tied=tied) for label, tent in tents.items()]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

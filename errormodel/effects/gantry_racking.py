@@ -12,7 +12,7 @@ from typing import ClassVar, Self
 
 from pydantic import model_validator
 
-from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Rotation, across, joint_as
 from errormodel.effects.travel import crossing, scaled
@@ -21,13 +21,16 @@ from errormodel.machine import Joint, Machine
 # words in a ``w_`` column's name by which it is taken for a record of the two drives; by judgement
 DRIVE_NAME_HINTS = ("sync", "enc", "rack", "drive", "skew", "gantry", "dual", "yaw")
 
+PIVOT = 500.0  # mm, usual distance of what the bridge turns about
+
 
 class GantryRacking(JointEffect):
-    """Yaw of `joint` (rad) per unit of `channel`.
+    """Yaw of `joint` (rad) per unit of `channel`, and its motion along (mm), as it turns about no known point.
 
     `channel` is a record of the two drives (``w_...``), or without one the joint across (-1 to 1 over its travel) or
     the direction of approach ``dir_<joint>``: friction drags the bridge askew, and in a second parameter the more, the
-    farther `by`, the joint across, has its carriage from the middle (-1 to 1 over its travel).
+    farther `by`, the joint across, has its carriage from the middle (-1 to 1 over its travel). The bridge turns about
+    the drive whose encoder is controlled, or the middle of both: of two drives the joint moves along as well.
     """
 
     effect: ClassVar[str] = "gantry-racking"
@@ -65,6 +68,8 @@ class GantryRacking(JointEffect):
         elif not self.channel.startswith("dir_"):
             value = scaled(joint_as(machine, self.channel, "prismatic", self.effect), value)
         out = [EffectTerm(self.joint, "", unit, {self.motion: value}, size)]
+        if self.channel.startswith(("w_", "dir_")):
+            out.append(EffectTerm(self.joint, "along", unit.replace("rad", "mm"), along(joint, value), PIVOT * size))
         if self.by:
             aside = scaled(joint_as(machine, self.by, "prismatic", self.effect), channel(self.by))
             out.append(EffectTerm(self.joint, "aside", unit, {self.motion: value * aside}, size))

@@ -10,6 +10,7 @@ from errormodel.effects import make
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.diagnosis.linear.of_fit import set_up
+from identification.diagnosis.search.candidates import WIDEST
 from identification.diagnosis.search.model import replayed, with_estimated_sizes
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import fit_machine
@@ -44,3 +45,25 @@ def test_the_sine_of_a_wave_that_was_seen_at_its_zeros_stays_small() -> None:
             assert values.max() > 30 * AMPLITUDE_MM
         else:
             assert values.max() < largest * AMPLITUDE_MM
+
+
+def test_points_of_a_table_that_no_row_is_near_stay_small() -> None:
+    """Five places of X along a table of nine points that acts in the second run only: two of three are between."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 240, 6, channels=False, grid=False)
+    rng = np.random.default_rng(6)
+    low, high = machine.joints[0].travel
+    places = rng.choice(low + (high - low) * np.array([0.06, 0.28, 0.53, 0.76, 0.94]), 240) + rng.normal(0, 0.05, 240)
+    table = survey.table.assign(**{machine.joints[0].name: places, "run": np.where(np.arange(240) < 160, "1", "2")})
+    own = EffectSpec("compensation-active", {"joint": machine.joints[0].name, "points": 9, "run": "2"})
+    values = [0.001, 0.004, -0.003, 0.002, 0.005, -0.004, 0.001, 0.003, -0.002]
+    shown = showing(replace(survey, table=table), machine, [(own, values)], 0.001)
+    model = replayed(set_up(fit_machine(machine, shown)), [Step(make(own), 50.0, 100.0, 0.1)])
+    (effect,) = with_estimated_sizes(model)
+    assert 0.001 < effect.size < 0.01  # type: ignore[attr-defined]
+    largest = []
+    for spec, wide in ((effect.spec, None), (own, WIDEST)):
+        fitted = fit_machine(replace(machine, effects=(spec,)), shown, effect_sizes=wide)
+        named = fitted.solution.named()
+        largest.append(max(abs(named[i]) for i in fitted.chain.effect_ids[0] if i in named))
+    assert largest[0] < 0.012 < largest[1]

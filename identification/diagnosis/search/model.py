@@ -10,6 +10,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import SENSORS, Effect
+from errormodel.effects.compensation_active import CompensationActive
 from identification.diagnosis.decisions.constants import CLEARLY
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
@@ -115,15 +116,15 @@ def fitted_of_groups(model: EffectModel) -> list[Array]:
 
 
 def with_estimated_sizes(model: EffectModel) -> list[Effect]:
-    """Effects of a model, in its order, of which empirical ones have a size: that of random effects beside all others.
+    """Effects of a model, in its order; of many alike parameters the size is that of random effects beside all others.
 
-    What the rows do not determine of them then stays as small as the rest is, where no usual size holds it: the sine
-    of a wave, at its zeros only, would be anything in between.
+    What the rows do not determine of them then stays as small as the rest is: the sine of a wave, at its zeros only,
+    or the points of a table that no row is near, would be anything in between.
     """
     out = []
     for step in model.steps:
         effect = step.effect
-        if effect.empirical and not effect.random:
+        if (effect.empirical or isinstance(effect, CompensationActive)) and not effect.random:
             beside = model.without([step])
             if size := beside.random(beside.columns(effect)[0]).likeliest_size():
                 effect = effect.model_copy(update={"size": float(f"{size:.4g}")})
