@@ -1,0 +1,37 @@
+"""Refinements with which rows left out are predicted worse are given up, also where two are by one key."""
+
+from __future__ import annotations
+
+import pytest
+
+from errormodel.effects import make
+from errormodel.machine import EffectSpec
+from errormodel.machine_file import read_machine
+from identification.diagnosis import extension
+from identification.diagnosis.decisions.log import DecisionLog
+from identification.diagnosis.linear.of_fit import set_up
+from identification.diagnosis.search.model import replayed
+from identification.diagnosis.search.scoring import Step
+from identification.estimation.fit import fit_machine
+from tests.helpers.diagnosed import empty_survey
+
+
+def test_the_second_of_two_refinements_of_one_key_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two time constants of one drift: without the second one the rows left out are predicted twice as well."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 120, 5, channels=True, grid=False)
+    fit = fit_machine(machine, survey)
+    drift = {"element": machine.elements[0].name, "motion": "dx", "sensor": "T_0"}
+    effects = [make(EffectSpec("structure-drift", {**drift, "tau": tau})) for tau in (0.0, 300.0, 1500.0)]
+    model = replayed(set_up(fit), [Step(e, 50.0, 100.0, 0.1, parent=0 if k else None) for k, e in enumerate(effects)])
+    assert len({s.effect.key for s in model.steps}) == 1
+
+    def error(of: object) -> float:
+        return 50.0 if of is fit else 5.0 + 20.0 * (len(of.chain.machine.effects) != 2)  # type: ignore[attr-defined]
+
+    monkeypatch.setattr(extension, "_error", error)
+    log = DecisionLog()
+    shorter, final, _ = extension.that_predicts(fit, model, survey, [], log)
+    assert [s.effect for s in shorter.steps] == effects[:2]
+    assert len(final.chain.machine.effects) == 2
+    assert [d.rule for d in log if d.outcome == "removed"] == ["prediction-made-worse"]
