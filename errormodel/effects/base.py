@@ -258,6 +258,11 @@ class Effect(BaseModel, ABC):
         """Whether the parameters are random effects: shrunk to zero by a prior of one common standard deviation."""
         return False
 
+    @property
+    def exchangeable(self) -> bool:
+        """Whether the parameters are of one kind, with a `size`: the standard deviation that the data give them."""
+        return False
+
     def changing(self, scene: Scene) -> float:
         """Share (0 to 1) of its length squared that is due to changes of the temperature that its fields name.
 

@@ -46,6 +46,10 @@ class CompensationActive(JointEffect):
         return 5.0  # log prior odds against it: many linear pieces approximate any smooth curve
 
     @property
+    def exchangeable(self) -> bool:
+        return True
+
+    @property
     def drivers(self) -> tuple[str, ...]:
         return (self.joint, *run_channels(self.run))
 
@@ -59,7 +63,9 @@ class CompensationActive(JointEffect):
         else:
             here = in_runs(channel, self.run)
             tents = {str(k): here * fmax(1 - absolute(u - k), 0) for k in range(self.points)}
-        return [EffectTerm(self.joint, label, unit, along(joint, tent), size, tied=tied) for label, tent in tents.items()]
+        return [
+            EffectTerm(self.joint, label, unit, along(joint, tent), size, tied=tied) for label, tent in tents.items()
+        ]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

@@ -25,12 +25,12 @@ PIVOT = 500.0  # mm, usual distance of what the bridge turns about
 
 
 class GantryRacking(JointEffect):
-    """Yaw of `joint` (rad) per unit of `channel`, and its motion along (mm), as it turns about no known point.
+    """Yaw of `joint` (rad) per unit of `channel`.
 
     `channel` is a record of the two drives (``w_...``), or without one the joint across (-1 to 1 over its travel) or
     the direction of approach ``dir_<joint>``: friction drags the bridge askew, and in a second parameter the more, the
-    farther `by`, the joint across, has its carriage from the middle (-1 to 1 over its travel). The bridge turns about
-    the drive whose encoder is controlled, or the middle of both: of two drives the joint moves along as well.
+    farther `by`, the joint across, has its carriage from the middle (-1 to 1 over its travel). By a record of the
+    drives the joint moves along as well: the bridge turns about the drive whose encoder is controlled, or between both.
     """
 
     effect: ClassVar[str] = "gantry-racking"
@@ -68,7 +68,7 @@ class GantryRacking(JointEffect):
         elif not self.channel.startswith("dir_"):
             value = scaled(joint_as(machine, self.channel, "prismatic", self.effect), value)
         out = [EffectTerm(self.joint, "", unit, {self.motion: value}, size)]
-        if self.channel.startswith(("w_", "dir_")):
+        if self.channel.startswith("w_"):
             out.append(EffectTerm(self.joint, "along", unit.replace("rad", "mm"), along(joint, value), PIVOT * size))
         if self.by:
             aside = scaled(joint_as(machine, self.by, "prismatic", self.effect), channel(self.by))

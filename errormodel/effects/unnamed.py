@@ -89,6 +89,10 @@ class Unnamed(Effect):
     def random(self) -> bool:
         return self.pieces is not None
 
+    @property
+    def exchangeable(self) -> bool:
+        return not self.random  # a curve always has a size
+
     def cost(self, scene: Scene) -> float:
         """Natural logarithm of the prior odds against it: with a constant lever a translation is the simpler model."""
         return 0.5 * (self.motion in ROTATIONS)

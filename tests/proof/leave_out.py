@@ -37,7 +37,7 @@ _FORWARD, _COMPARED = _SEARCH + "forward_selection", _SEARCH + "model_comparison
 LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
     "near-tie": ((_SEARCH + "scoring", "_names", lambda linear, ranked, log: list(ranked)),),
     "two-causes": ((_FORWARD, "_by_two_causes", _none),),
-    "refinement-first": ((_FORWARD, "_could_refine", _nothing),),
+    "refinement-first": ((_FORWARD, "could_refine", _nothing),),
     "left-over": ((_FORWARD, "left_over", _none),),
     "like-contribution": ((_SEARCH + "refinement", "_much_the_same", _no),),
     "share-of-findings": ((_FORWARD, "LITTLE", 0.0),),

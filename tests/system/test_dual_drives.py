@@ -207,9 +207,7 @@ def test_drives_a_millimetre_apart_are_refused(tmp_path: Path) -> None:
     assert "spacing: 1.2 mm between two drives of an axis that travels 1800 mm" in refused.err
 
 
-@pytest.mark.parametrize(
-    ("joint", "column"), [("X", "w_x2"), ("Y", "w_x1_x2"), ("Y", "w_m2_minus_m1")], ids=lambda value: str(value)
-)
+@pytest.mark.parametrize(("joint", "column"), [("X", "w_x2"), ("Y", "w_x1_x2"), ("Y", "w_m2_minus_m1")])
 def test_encoders_of_two_drives_are_their_record(joint: str, column: str) -> None:
     """One of them by its joint's name, and two of one letter whatever joint they move."""
     machine = read_machine("gantry_crossbeam_ram")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import pytest
@@ -21,17 +23,19 @@ class Noise:
     freedom: int
 
 
-def directly(columns: Array, residual: Array) -> float:
-    """The same by dense matrices: log of the mean likelihood ratio of normal priors of each size (n, k)."""
+def directly(columns: Array, residual: Array, counts: Sequence[int]) -> float:
+    """The same by dense matrices: log of the mean likelihood ratio of normal priors of all sizes of each effect."""
     n, k = columns.shape
     beside = residual - columns @ np.linalg.lstsq(columns, residual, rcond=None)[0]
     variance = beside @ beside / n  # the noise: what an effect explains is none
     noise = residual @ residual / n
     ratios = []
-    for size, weight in SIZES.items():
-        whole = np.eye(k) + size**2 * columns.T @ columns / variance
-        kept = size**2 * (columns.T @ residual) @ np.linalg.solve(whole, columns.T @ residual) / variance / noise
-        ratios.append(weight * np.exp(-n / 2 * np.log1p(-kept / n) - np.linalg.slogdet(whole)[1] / 2))
+    for each in product(SIZES.items(), repeat=len(counts)):
+        sizes, weights = zip(*each, strict=True)
+        scaled = columns * np.repeat(sizes, counts)
+        whole = np.eye(k) + scaled.T @ scaled / variance
+        kept = (scaled.T @ residual) @ np.linalg.solve(whole, scaled.T @ residual) / variance / noise
+        ratios.append(np.prod(weights) * np.exp(-n / 2 * np.log1p(-kept / n) - np.linalg.slogdet(whole)[1] / 2))
     return float(np.log(sum(ratios)))
 
 
@@ -42,8 +46,19 @@ def test_it_is_that_of_the_linear_model(apart: float) -> None:
     columns = 0.3 * np.column_stack([one, one + apart * other])
     residual = columns @ [1.2, -0.7] + rng.normal(size=300)
     noise = Noise(float(residual @ residual), 300)
-    found = joint_evidence(noise, columns.T @ columns, columns.T @ residual)
-    assert found == pytest.approx(directly(columns, residual), rel=1e-6)
+    found = joint_evidence(noise, columns.T @ columns, columns.T @ residual, [2])
+    assert found == pytest.approx(directly(columns, residual, [2]), rel=1e-6)
+
+
+@pytest.mark.parametrize("values", [(0.5, -0.4, 8.0), (0.1, 0.1, 0.2), (3.0, 2.0, 0.02)])
+def test_each_effect_may_be_large_or_small_by_itself(values: tuple[float, float, float]) -> None:
+    """Two effects, of two parameters and of one: the sum over all pairs of sizes, nearly."""
+    rng = np.random.default_rng(4)
+    columns = rng.normal(size=(200, 3)) * [0.3, 0.3, 0.4]
+    residual = columns @ values + rng.normal(size=200)
+    noise = Noise(float(residual @ residual), 200)
+    found = joint_evidence(noise, columns.T @ columns, columns.T @ residual, [2, 1])
+    assert found == pytest.approx(directly(columns, residual, [2, 1]), abs=0.1)
 
 
 def integrated(columns: Array, residual: Array) -> float:
@@ -71,7 +86,7 @@ def test_a_size_is_one_of_the_effect_and_none_of_the_noise(size: float, count: i
     columns = 0.3 * rng.normal(size=(300, count))
     residual = columns @ (size * rng.choice([-1.0, 1.0], count)) + rng.normal(size=300)
     noise = Noise(float(residual @ residual), 300)
-    found = joint_evidence(noise, columns.T @ columns, columns.T @ residual)
+    found = joint_evidence(noise, columns.T @ columns, columns.T @ residual, [count])
     assert found == pytest.approx(integrated(columns, residual), abs=1.0)
 
 
@@ -82,8 +97,8 @@ def test_what_distinguishes_two_lags_counts_though_it_is_little() -> None:
     columns = 50.0 * np.column_stack([one, one + 0.03 * other])
     residual = columns @ [-1.6, 1.7] + rng.normal(size=2000)
     noise = Noise(float(residual @ residual), 2000)
-    both = joint_evidence(noise, columns.T @ columns, columns.T @ residual)
-    alone = joint_evidence(noise, columns[:, :1].T @ columns[:, :1], columns[:, :1].T @ residual)
+    both = joint_evidence(noise, columns.T @ columns, columns.T @ residual, [1, 1])
+    alone = joint_evidence(noise, columns[:, :1].T @ columns[:, :1], columns[:, :1].T @ residual, [1])
     assert both > alone + 100
 
 

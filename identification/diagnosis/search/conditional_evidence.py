@@ -22,7 +22,8 @@ def conditional_scores(model: EffectModel, candidates: Candidates, log: Decision
         linear = model.without([main, *more])
         steps = optimise_shapes(linear, candidates, MOST_EXAMINED)
         shapes = len(candidates.of_key.get(main.effect.key, [0]))
-        own = scored(linear, main.effect, shapes, main.trials, main.names, main.places) or main
+        places = next((s.places for s in steps if s.effect.effect == main.effect.effect), main.places)
+        own = scored(linear, main.effect, shapes, main.trials, main.names, places) or main
         marginal = max([own.evidence, *(s.evidence for s in steps if s.effect.key == main.effect.key)])
         # refinements of the same name (a second sensor) add to its evidence; of an unnamed finding, all do
         evidence, beside = own.evidence, linear

@@ -50,7 +50,8 @@ def _evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[t
             gram[undefined], slope[undefined], square[undefined] = 0.0, 0.0, 0.0
             square = np.maximum(square, NOTHING)
             if together > 1 and not random:
-                gains[some] = [joint_evidence(filtered, g, s) for g, s in zip(gram, slope, strict=True)]
+                counts = [[len(linear.columns(e)[1]) for e in groups[k]] for k in some]
+                gains[some] = [joint_evidence(filtered, *own) for own in zip(gram, slope, counts, strict=True)]
             elif random:
                 gains[some] = random_scores(filtered, gram, slope, square)[0]
             else:

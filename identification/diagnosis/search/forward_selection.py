@@ -29,7 +29,14 @@ from identification.diagnosis.search.model import (
     replayed,
     with_step,
 )
-from identification.diagnosis.search.refinement import forms, is_departure, left_over, refined, refinement_of
+from identification.diagnosis.search.refinement import (
+    could_refine,
+    forms,
+    further_causes,
+    left_over,
+    refined,
+    refinement_of,
+)
 from identification.diagnosis.search.scoring import DETECT, Step, accepted, choose
 from identification.diagnosis.search.sensor_pairs import best_pair
 from identification.diagnosis.search.shape_fit import optimise_shapes
@@ -142,7 +149,7 @@ def add_best(model: EffectModel, likely: Likely, log: DecisionLog = UNRECORDED) 
         return None
     steps, best = likely
     own, rule = refinement_of(model, best)
-    if own is None and (others := _could_refine(model, steps, best)):  # tried before a new finding
+    if own is None and (others := could_refine(model, steps, best)):  # tried before a new finding
         first = max(others, key=lambda s: s.evidence)
         least = (1 - MUCH) * best.evidence
         log.add("refinement-first", "preferred", first.effect, first.evidence, least, beside=best.effect)
@@ -173,7 +180,9 @@ def _with_refinement(
     log.add(rule, "merged", best.effect, value, least, beside=model.steps[own].effect)
     tries = [replace(best, parent=own)]
     enough = max(LEAST_EVIDENCE, MUCH * best.evidence)
-    for s in [s for s in steps if s is not best and s.evidence > enough and refined(model, s) == own][:MOST_COMPETING]:
+    main, causes = model.steps[own].effect, base_channels(best.effect)
+    able = [s for s in steps if s is not best and s.evidence > enough and further_causes(main, s.effect) <= causes]
+    for s in [s for s in able if refined(model, s) == own][:MOST_COMPETING]:
         log.add("competing-refinement", "examined", s.effect, s.evidence, enough, beside=best.effect)
         tries.append(replace(s, parent=own))
     return _added(model, tries, log)
@@ -192,12 +201,6 @@ def _added(model: EffectModel, tries: Sequence[Step], log: DecisionLog) -> Effec
     beside = None if new.parent is None else model.steps[new.parent].effect
     log.add("cross-validation", word, new.effect, ratio(error, before), 1.0, beside=beside, gain=gain)
     return best_growth if error < before else None
-
-
-def _could_refine(model: EffectModel, steps: Sequence[Step], best: Step) -> list[Step]:
-    """Refinements of findings with nearly the best evidence, where the best may be their discrepancy as well."""
-    could = [(s, refined(model, s)) for s in steps if s.evidence > (1 - MUCH) * best.evidence]
-    return [s for s, k in could if k is not None and is_departure(model, k, best.effect)]
 
 
 def _is_finding(model: EffectModel, best: Step, explained: float, log: DecisionLog) -> bool:

@@ -6,6 +6,7 @@ Learning, 2006, section 3.5).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +17,7 @@ from identification.diagnosis.linear.random_effects import scores_of
 
 Scored = tuple[Array, Array, Array, Array]  # evidence, delta chi2, absorbed part and expected delta chi2 of proposals
 ROUNDED = 1e-10  # of the largest of squares: as much is rounding
+SWEEPS = 3  # over the sizes of effects
 LEAST_LEFT = 1e-12  # of the residual sum of squares: what readings without noise leave, to divide by
 
 
@@ -68,22 +70,51 @@ def free_scores(noise: Left, gram: Array, slope: Array, square: Array, empirical
     )
 
 
-def joint_evidence(noise: Left, gram: Array, slope: Array) -> float:
-    """Log Bayes factor of the parameters of several effects together, whose prior sizes are a mixture as of one.
+def joint_evidence(noise: Left, gram: Array, slope: Array, counts: Sequence[int]) -> float:
+    """Log Bayes factor of the parameters of several effects together, each of which may be large or small by itself.
 
-    What is left of each is alike where they are two lags of one sensor, so that no direction is taken to be hidden.
+    The sum over the `SIZES` of all is taken about the likeliest, one effect at a time. What is left of each is alike
+    where they are two lags of one sensor, so that no direction is taken to be hidden.
 
     Parameters
     ----------
     gram, slope : products (k, k) of the projected columns, times their usual sizes, and (k,) with the residual.
+    counts : parameters of each effect, in their order.
     """
     values, vectors = np.linalg.eigh(gram)
     seen = values > ROUNDED * values[-1]
     variance = noise.square / noise.freedom
     delta_chi2 = np.square(vectors[:, seen].T @ slope)[None] / values[seen] / variance
-    gain = values[None, seen] / variance / _left(noise, delta_chi2)[:, None]
-    by_size = np.array([_log_evidence(noise, delta_chi2, gain * s**2)[0] for s in SIZES])
-    return float(log_sum(by_size, np.array([*SIZES.values()])))
+    ridge = variance * float(_left(noise, delta_chi2)[0])
+    sizes, weights = np.array([*SIZES]), np.log([*SIZES.values()])
+    owner, likeliest = np.repeat(np.arange(len(counts)), counts), np.ones(len(counts))
+    definite = gram + np.diag(
+        ROUNDED * np.diag(gram)
+    )  # readings without noise leave columns that are alike to rounding
+
+    def of_sizes(k: int) -> Array:
+        """Evidence for each size of one effect, beside the likeliest of the others."""
+        tried = np.tile(likeliest, (len(sizes), 1))
+        tried[:, k] = sizes
+        scale = tried[:, owner]
+        scaled = definite * scale[:, :, None] * scale[:, None, :] + ridge * np.eye(len(gram))
+        factors = np.linalg.cholesky(scaled)
+        along = np.linalg.solve(factors, (scale * slope)[..., None])[..., 0]
+        kept = np.square(along).sum(axis=1) / variance / noise.freedom
+        determinants = 2 * np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1) - len(gram) * np.log(ridge)
+        left = np.log1p(-np.minimum(kept, 1 - LEAST_LEFT))
+        return np.asarray(-noise.freedom / 2 * left - 0.5 * determinants + weights)
+
+    logs = list[Array]()
+    for _ in range(SWEEPS):
+        before, logs = likeliest.copy(), []
+        for k in range(len(counts)):
+            logs.append(of_sizes(k))
+            likeliest[k] = sizes[np.argmax(logs[k])]
+        if (likeliest == before).all():
+            break
+    best = float(logs[-1].max()) + sum(float(weights[sizes == size][0]) for size in likeliest[:-1])
+    return best + float(sum(log_sum(own - own.max(), np.ones(len(sizes))) for own in logs))
 
 
 def random_scores(noise: Left, gram: Array, slope: Array, square: Array) -> Scored:

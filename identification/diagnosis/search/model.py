@@ -10,7 +10,6 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import SENSORS, Effect
-from errormodel.effects.compensation_active import CompensationActive
 from identification.diagnosis.decisions.constants import CLEARLY
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
@@ -124,7 +123,7 @@ def with_estimated_sizes(model: EffectModel) -> list[Effect]:
     out = []
     for step in model.steps:
         effect = step.effect
-        if (effect.empirical or isinstance(effect, CompensationActive)) and not effect.random:
+        if effect.exchangeable:
             beside = model.without([step])
             if size := beside.random(beside.columns(effect)[0]).likeliest_size():
                 effect = effect.model_copy(update={"size": float(f"{size:.4g}")})

@@ -181,8 +181,8 @@ def _adds_a_name(other: EffectModel, model: EffectModel) -> bool:
 
 
 def _unnamed(model: EffectModel) -> int:
-    """How many findings have no name."""
-    return sum(main.effect.empirical for main, *_ in model.findings)
+    """How many terms have no name."""
+    return sum(step.effect.empirical for step in model.steps)
 
 
 def empirical_evidence(model: EffectModel) -> float:

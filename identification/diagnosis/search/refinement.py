@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import combinations, islice, product
 
 import numpy as np
@@ -205,11 +205,23 @@ def distinct(one: Effect, other: Effect) -> bool:
     return any(name in DISTINCT or name.startswith("w_") for name in only)
 
 
+def could_refine(model: EffectModel, steps: Sequence[Step], best: Step) -> list[Step]:
+    """Refinements of findings with nearly the best evidence, where the best may be their discrepancy as well."""
+    could = [(s, refined(model, s)) for s in steps if s.evidence > (1 - MUCH) * best.evidence]
+    of_its_causes = [(s, k) for s, k in could if k is not None and not further_causes(model.steps[k].effect, s.effect)]
+    return [s for s, k in of_its_causes if is_departure(model, k, best.effect)]
+
+
+def further_causes(one: Effect, other: Effect) -> frozenset[str]:
+    """Channels that drive another effect, and neither drive the one nor are its joint."""
+    return base_channels(other) - base_channels(one) - {one.where}
+
+
 def left_over(model: EffectModel, step: Step) -> int | None:
     """The finding of whose place and drivers a further effect is, if it explains less than `LITTLE` of it."""
     for k, earlier in enumerate(model.steps):
         one, other = earlier.effect, step.effect
-        near = one.where == other.where and base_channels(other) <= base_channels(one) | {one.where}
+        near = one.where == other.where and not further_causes(one, other)
         if earlier.parent is None and near and is_departure(model, k, other, LITTLE):
             return k
     return None

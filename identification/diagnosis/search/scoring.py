@@ -35,7 +35,8 @@ class Step:
     parent : number of the step that this one refines, or None: a finding of its own.
     trials : number of candidates that were compared; its logarithm is the trials factor.
     names, places : number of effects among these, and of those that are this effect, at other places or by other
-        drivers: all effects are equally likely beforehand, and of one effect all its places.
+        drivers, for each that explains as much: all effects are equally likely beforehand, and of one effect all its
+        places.
     marginal : largest evidence of the effect's shapes without refinements, given all other findings.
     """
 
@@ -50,7 +51,7 @@ class Step:
     parent: int | None = None
     trials: int = 0
     names: int = 1
-    places: int = 1
+    places: float = 1.0
     marginal: float = 0.0
 
     @property
