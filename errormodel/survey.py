@@ -48,6 +48,7 @@ from errormodel.surveys.plausibility import check_sizes
 from errormodel.surveys.record import RecordForm
 from errormodel.surveys.states import planned
 from errormodel.surveys.target_places import places_of
+from errormodel.surveys.touched_places import with_nominal_commands
 from errormodel.surveys.travels import travel_notes
 from errormodel.yamlfile import Document
 
@@ -102,6 +103,9 @@ class Survey:
         When ``time`` is 0, in s since 1970, where the times were given as dates.
     places : mapping
         Of targets whose places are not known exactly, by name (with the file, where several state another place).
+    indicated : bool
+        Whether rows had indicated positions as commands and the place of what was touched as what was measured: the
+        table has nominal commands in them, and the difference in what was measured, whose signs are known so.
     """
 
     table: pd.DataFrame
@@ -121,6 +125,7 @@ class Survey:
     labelled: bool = True
     clock_zero: float | None = None
     places: Mapping[str, TargetPlace] = field(default_factory=dict)
+    indicated: bool = False
 
     def __len__(self) -> int:
         return len(self.table)
@@ -238,11 +243,15 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     if form.frame_rotation is not None:
         x, y, z = np.radians(form.frame_rotation).tolist()
         rotation = (x, y, z)
+    touched = list[str]()
+    if measured:
+        table, touched = with_nominal_commands(table, machine, form.frame, rotation)
+        notes |= dict.fromkeys(touched)
     return Survey(
         table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes), tuple(form.budget),
         frame_rotation=rotation, record=form.test, observations=form.observations, scatter=all(scatter),
         of_tool=of_tool, labelled=any("run" in part.frame for part in parts), clock_zero=zero,
-        places=places_of(form.files),
+        places=places_of(form.files), indicated=bool(touched),
     )  # fmt: skip
 
 

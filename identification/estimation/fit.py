@@ -150,7 +150,7 @@ def _fit(
         *dropped,
         *idle_effects(chain, solution),
         *rotation_notes(problem.frames),
-        *sign_notes(problem.views),
+        *sign_notes(problem.views, survey.indicated),
     )
     nominal = Spread.of(nominal_residuals)
     far = (far_off(nominal),) if another(chain, nominal) else ()

@@ -125,7 +125,7 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
         refuse_axes_as_points(machine, survey, rows, part)
     _refuse_mirror(parts, survey)
     _refuse_mistakes(machine, survey, parts)
-    one_place = prove_one_place(chain, survey, parts)
+    one_place = None if survey.indicated else prove_one_place(chain, survey, parts)
     if ORIENTATION[0] in survey.table:
         refuse_foreign_orientations(survey, build(chain, survey).views)
     rows = np.concatenate([r for r, _ in parts]) if parts else np.zeros(0, dtype=np.intp)
@@ -155,7 +155,8 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
             steps.append(step)
     return Proof(
         rows, nominal, measured, *figures, reach, repeats, 1e3 * scatter, dwell, wild, _follows(chain, survey), flat,
-        tuple(steps), one_place=one_place, standings=() if one_place else standings(chain, survey, parts),
+        tuple(steps), one_place=one_place,
+        standings=() if one_place or survey.indicated else standings(chain, survey, parts),
     )  # fmt: skip
 
 

@@ -23,10 +23,15 @@ def at_one_place(views: Iterable[View]) -> bool:
     return bool(points) and all(len(v.pose.undetermined) == 3 and v.components.all() for v in points)
 
 
-def sign_notes(views: Iterable[View]) -> tuple[str, ...]:
-    """A note where the sign of what was measured cannot be known; that of a place that does not change can."""
+def sign_notes(views: Iterable[View], indicated: bool) -> tuple[str, ...]:
+    """A note where the sign of what was measured cannot be known; that of a place that does not change can.
+
+    Parameters
+    ----------
+    indicated : whether it was indicated by the axes at such a place, as of `Survey.indicated`.
+    """
     points = [v for v in views if isinstance(v, PositionView)]
-    if not at_one_place(points):
+    if indicated or not at_one_place(points):
         return ()
     spread = max(float(np.ptp(v.measured, axis=0).max(initial=0.0)) for v in points)
     return (OPEN_SIGNS,) if spread > POINT_SPREAD_ROUND_OFF * points[0].chain.size else ()

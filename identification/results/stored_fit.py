@@ -81,7 +81,7 @@ def recorded(fit: Fit) -> dict[str, Any]:
         "only_sides": only_sides(fit),
         "temperatures": temperatures_of(fit.chain, fit.span, [s for other in fit.others for s in other.sensors]),
         "runs": runs_of(fit.chain, fit.span),
-        **({"open_signs": True} if sign_notes(fit.problem.views) else {}),
+        **({"open_signs": True} if sign_notes(fit.problem.views, fit.survey.indicated) else {}),
     }
 
 

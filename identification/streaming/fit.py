@@ -283,7 +283,7 @@ class _Streaming:
             *fit_notes(survey, solution, noise, longest),
             *dropped,
             *rotation_notes(problem.frames),
-            *sign_notes(problem.views),
+            *sign_notes(problem.views, survey.indicated),
         )
         if another(chain, nominal):
             notes = (*notes, far_off(nominal))

@@ -3,28 +3,37 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
+import yaml
 
+from errormodel.chain import Chain
+from errormodel.machine_file import read_machine
+from errormodel.survey import read_survey
+from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
 from tests.helpers.commands import XYZ, run
-from tests.system.test_r_test import MILL, r_test
+from tests.system.test_r_test import MILL, r_test, shifted
 
 # errors of the linear axes too: a machine that does not move at all fits the place of one ball
 WITH_SCALES = MILL.replace("joints: none", "joints: {Y: first-order, X: first-order, Z: first-order}")
 BALL = (50.0, 20.0, 100.0)
 
 
-def probed() -> pd.DataFrame:
+def probed(balls: Sequence[tuple[float, float, float]] = (BALL,)) -> pd.DataFrame:
     """The R-test's rows as a probe gives them: the axes move by what the tip stood off, to first order in errors."""
-    table = r_test([BALL], rows=90)
+    table = r_test([*balls], rows=90)
+    places = np.array([balls[k % len(balls)] for k in range(90)])
     for k, (c, a) in enumerate(np.radians(table[["C", "A"]].to_numpy())):
         about_z = np.array([[np.cos(c), -np.sin(c), 0], [np.sin(c), np.cos(c), 0], [0, 0, 1]])
         about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
-        off = table.loc[k, XYZ].to_numpy(dtype=float) - BALL
+        off = table.loc[k, XYZ].to_numpy(dtype=float) - places[k]
         table.loc[k, ["X", "Y", "Z"]] -= (about_z @ about_x).T @ off
-    table[XYZ] = BALL
+    table[XYZ] = places
     return table
 
 
@@ -65,3 +74,65 @@ def test_a_place_that_does_not_change_has_no_sign(tmp_path: Path) -> None:
     result = run("fit", tmp_path / "mill.yaml", tmp_path / "data.csv", "--out", tmp_path / "fit")
     assert "signs" not in result.err
     assert "open_signs" not in json.loads((tmp_path / "fit" / "fit.json").read_text())
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_indicated_positions_are_read_as_deviations_from_nominal_commands(turned: bool) -> None:
+    """The rows of the R-test again, but for its commands' rounding, 0.5 um an axis; also in a frame that is turned."""
+    machine = read_machine(yaml.safe_load(WITH_SCALES))
+    balls = [BALL, (-40.0, 60.0, 80.0), (10.0, -70.0, 120.0)] if turned else [BALL]
+    frame = shifted((3.0, -7.0, 5.0), (0.1, -0.2, 2.0)) if turned else np.eye(4)
+    straight = r_test(balls, rows=90)
+    table = probed(balls)
+    table[XYZ] = table[XYZ].to_numpy() @ frame[:3, :3].T + frame[:3, 3]
+    survey = read_survey(table, machine)
+    assert survey.indicated
+    assert any("indicated positions" in note for note in survey.notes)
+    beside = straight[XYZ].to_numpy() - np.array([balls[k % len(balls)] for k in range(90)])
+    seen = survey.measured - table[XYZ].to_numpy()
+    apart = (seen @ frame[:3, :3] - beside).reshape(-1, len(balls), 3)  # by a constant of each ball
+    assert np.ptp(apart, axis=0).max() < 2e-3 < 0.02 < np.ptp(beside, axis=0).max()
+    assert np.abs(survey.commands(["X", "Y", "Z"]) - straight[["X", "Y", "Z"]]).to_numpy().max() < 0.05
+
+
+def test_a_pose_that_is_probed_again_and_again_is_one_pose() -> None:
+    rows = pd.concat([probed()[:3]] * 30, ignore_index=True)
+    drift = np.repeat(np.arange(30), 3) * 1e-3
+    rows["Z"] += drift
+    survey = read_survey(rows, read_machine(yaml.safe_load(WITH_SCALES)))
+    assert len(survey.table[["C", "A", "X", "Y", "Z"]].drop_duplicates()) == 3
+    lengths = np.linalg.norm(np.diff(survey.measured.reshape(30, 3, 3), axis=0), axis=2)
+    assert np.abs(lengths - 1e-3).max() < 1e-5
+
+
+def test_a_stopped_instrument_and_readings_of_an_r_test_stay_as_they_are() -> None:
+    machine = read_machine(yaml.safe_load(WITH_SCALES))
+    straight, stopped = r_test([BALL], rows=40), r_test([BALL], rows=40)
+    stopped.loc[10:20, XYZ] = stopped.loc[10, XYZ].to_list()
+    for table in (straight, stopped):
+        survey = read_survey(table, machine)
+        assert not survey.indicated
+        assert (survey.measured == table[XYZ].to_numpy()).all()
+
+
+def test_balls_whose_place_is_zero_in_frames_of_their_own_are_no_copies(tmp_path: Path) -> None:
+    balls = [BALL, (-40.0, 60.0, 80.0), (10.0, -70.0, 120.0)]
+    table = probed(balls)
+    table["run"] = np.arange(90) % 3
+    table[XYZ] = 0.0
+    table.sort_values("run").to_csv(tmp_path / "data.csv", index=False)
+    (tmp_path / "mill.yaml").write_text(WITH_SCALES)
+    (tmp_path / "survey.yaml").write_text("errormodel: 1\nfiles: [{path: data.csv}]\nframe: per-run\n")
+    result = run("check", tmp_path / "mill.yaml", tmp_path / "survey.yaml")
+    assert result.code == 0, result.err
+
+
+def test_the_same_reading_in_another_frame_is_no_copy() -> None:
+    """As the place of a ball is that each run has as its zero."""
+    machine = read_machine(yaml.safe_load(WITH_SCALES))
+    survey = read_survey(r_test([BALL, (-40.0, 60.0, 80.0), (10.0, -70.0, 120.0)], rows=90), machine)
+    table = survey.table.assign(mx=0.0, my=0.0, mz=0.0, run=np.arange(90) % 3).sort_values("run", ignore_index=True)
+    copies = copied_rows(Chain(machine), replace(survey, table=table, frame="shared"))
+    assert copies is not None
+    assert len(copies.rows) > 50
+    assert copied_rows(Chain(machine), replace(survey, table=table, frame="per-run")) is None

@@ -1,10 +1,13 @@
-"""Refinements with which rows left out are predicted worse are given up, also where two are by one key."""
+"""What is given up in the fit of all rows: refinements that predict worse, and what cancels the geometry."""
 
 from __future__ import annotations
+
+from types import SimpleNamespace
 
 import pytest
 
 from errormodel.effects import make
+from errormodel.effects.base import Effect
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.diagnosis import extension
@@ -13,6 +16,7 @@ from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.search.model import replayed
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import fit_machine
+from identification.estimation.result import Fit
 from tests.helpers.diagnosed import empty_survey
 
 
@@ -35,3 +39,27 @@ def test_the_second_of_two_refinements_of_one_key_is_given_up(monkeypatch: pytes
     assert [s.effect for s in shorter.steps] == effects[:2]
     assert len(final.chain.machine.effects) == 2
     assert [d.rule for d in log if d.outcome == "removed"] == ["prediction-made-worse"]
+
+
+def test_a_finding_that_cancels_the_geometry_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What moves the tip by 24 mm where the plain fit leaves 7 um, as a curve does of commands that hardly differ."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 120, 5, channels=True, grid=False)
+    fit = fit_machine(machine, survey)
+    drifts = [
+        make(EffectSpec("structure-drift", {"element": machine.elements[0].name, "motion": m, "sensor": "T_0"}))
+        for m in ("dx", "dy")
+    ]
+    model = replayed(set_up(fit), [Step(e, 50.0, 100.0, 0.1) for e in drifts])
+
+    def whole_of(final: Fit, effects: list[Effect], numbers: list[int]) -> SimpleNamespace:
+        return SimpleNamespace(size_um=24e3 if effects[0] is drifts[0] else 300.0)
+
+    monkeypatch.setattr(extension, "whole_of", whole_of)
+    monkeypatch.setattr(extension, "_error", lambda of: 50.0 if of is fit else 5.0)
+    monkeypatch.setattr(extension, "spread", lambda of: SimpleNamespace(rms_um=7.0))
+    log = DecisionLog()
+    rest, final, _ = extension.that_predicts(fit, model, survey, [], log)
+    assert [s.effect for s in rest.steps] == drifts[1:]
+    assert len(final.chain.machine.effects) == 1
+    assert [d.rule for d in log if d.outcome == "removed"] == ["cancels-geometry"]

@@ -16,6 +16,7 @@ from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS
 from identification.diagnosis.data_checks.blunder import Blunder, groups, listed
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
+from identification.observation.assembly import frame_labels
 from identification.observation.frames import MACHINE_ERROR_SHARE
 
 if TYPE_CHECKING:
@@ -33,16 +34,17 @@ def copied_rows(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> 
     """Rows whose measured point is an earlier row's to the last digit, though noise would not have it so; left out.
 
     Whole rows with a time of their own are copies in any case, and so is a point read again at another place (the
-    instrument had stopped). Repeats of a pose may agree by chance where readings are coarse, and without noise do:
-    where hardly any differ, by the noise that a fit without them finds.
+    instrument had stopped); in another frame it is another point. Repeats of a pose may agree by chance where readings
+    are coarse, and without noise do: where hardly any differ, by the noise that a fit without them finds.
     """
     table, rows = survey.table, np.sort(np.concatenate([np.zeros(0, np.intp), *groups(survey)]))
     if len(rows) < 2:
         return None
     part = table.iloc[rows].reset_index(drop=True)
-    first = part.groupby(list(MEASURED), sort=False).ngroup().to_numpy()
+    frame = frame_labels(survey)[rows]
+    first = part.assign(frame=frame).groupby([*MEASURED, "frame"], sort=False).ngroup().to_numpy()
     _, start = np.unique(first, return_index=True)
-    earlier = start[first]  # the first row with that measured point
+    earlier = start[first]  # the first row with that measured point in its frame
     again = earlier < np.arange(len(part))
     if not again.any():
         log.add("copied-rows", "passed", "rows", 0)

@@ -78,9 +78,9 @@ def refuse_turned_head(fit: Fit) -> None:
 
 
 def assigned(fit: Fit) -> Assigned | None:
-    """Axes with which the readings fit clearly better than as they are written, or None."""
+    """Axes with which the readings of a head fit clearly better than as they are written, or None."""
     views = [v for v in fit.problem.views if isinstance(v, PositionView)]
-    if not at_one_place(views):
+    if fit.survey.indicated or not at_one_place(views):
         return None
     step = -(-sum(map(len, views)) // MOST_ROWS)
     views = [v.part(slice(None, None, step)) for v in views]

@@ -220,8 +220,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "step-function": Rule(
             SELECTION, "log evidence (Schwarz)",
-            "An empirical form becomes a step function where that explains clearly more.",
-            _decided("CLEARLY"),
+            "An empirical form becomes a step function where that explains clearly more.", _decided("CLEARLY"),
         ),
         "reselection": Rule(
             SELECTION, EVIDENCE, "A finding is named again, or left out, where the whole model has more evidence so.",
@@ -265,6 +264,9 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             COMPARISON, ERRORS, "A finding with which the machine predicts rows left out worse than plain is left out.",
             _decided("NO_WORSE"),
         ),
+        "cancels-geometry": Rule(
+            COMPARISON, RATIO, "A finding that cancels the geometry is left out.", _in("extension", "CANCELS"),
+        ),
         "likeliest-sensor": Rule(
             COMPARISON, ERRORS, "A finding follows the likeliest of its sensors, over all lags.", _decided("NO_WORSE")
         ),
@@ -290,8 +292,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _decided("MUCH"),
         ),
         "uncontradicted-alternative": Rule(
-            WITNESSES, EVIDENCE,
-            "It is replaced by an alternative with so much evidence that no witness contradicts.",
+            WITNESSES, EVIDENCE, "It is replaced by an alternative with so much evidence that no witness contradicts.",
             _decided("LEAST_EVIDENCE"),
         ),
         # ---- probability of a name
@@ -321,8 +322,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "distinguishable": Rule(
             NAMES, "decimal logarithm of the Bayes factor",
-            "Beyond it the data distinguish an alternative from the finding.",
-            _decided("DECISIVE_ODDS"),
+            "Beyond it the data distinguish an alternative from the finding.", _decided("DECISIVE_ODDS"),
         ),
         "unresolved-name": Rule(
             NAMES, "probability", "A name is no surer than this beside one that repeats between positions.",

@@ -1,0 +1,108 @@
+"""Places that the axes were driven to until a probe touched or centred them: indicated positions as commands.
+
+Such rows have one measured point, the place of what was touched, and what the machine is off stands in the commands.
+A few of them, read again and again while the machine drifts, show each error motion over micrometres of travel, where
+a slope of -1 explains everything. They are written as an R-test has them: the commands that the nominal machine needs,
+and the difference of the indicated ones from these in what was measured. The gaps are the same to second order.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.arrays import Array, Index, rotation_matrix
+from errormodel.machine import Machine, Vector
+from errormodel.surveys.columns import MEASURED
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from errormodel.chain import Chain
+    from errormodel.surveys.file import Frame
+
+FEWEST = 4  # rows a place, on average
+NEAR_MM = 1.0  # of the nominal points, and of distances between places: what a machine is off
+LEAST_MM = 2e-3  # of the nominal points: commands rounded to a micrometre lie less off
+DIGITS = 6  # behind the decimal point, mm: positions of one pose are the same
+
+
+def with_nominal_commands(
+    table: pd.DataFrame, machine: Machine, frame: Frame, rotation: Vector | None
+) -> tuple[pd.DataFrame, list[str]]:
+    """The table of a survey with nominal commands in rows about a place that was touched, and a note.
+
+    Parameters
+    ----------
+    rotation : stated rotation (Rx, Ry, Rz; rad) of the machine's reference into the measuring frame, or
+        None. Then it is none, or that of the places where these are as far apart but turned.
+    """
+    linear = [j.name for j in machine.joints if j.type == "prismatic"]
+    if len(linear) < 3:
+        return table, []
+    frames = {"per-run": "run", "per-file": "file"}.get(frame)
+    seen = np.flatnonzero(table[list(MEASURED)].notna().all(axis=1).to_numpy() & table[linear].notna().all(axis=1))
+    labels = table[frames].to_numpy(dtype=object)[seen] if frames else np.full(len(seen), "", dtype=object)
+    of_place = list[Index]()
+    for label in dict.fromkeys(labels):
+        own = seen[labels == label]
+        places = [own[g] for g in table.iloc[own].groupby(list(MEASURED), sort=False).indices.values()]
+        if len(own) >= FEWEST * len(places):  # else some reading was repeated, as by an instrument that had stopped
+            of_place += [rows for rows in places if (table.iloc[rows][linear].nunique() > 1).any()]
+    if not of_place:
+        return table, []
+    from errormodel.chain import Chain
+
+    chain, new, count, largest = Chain(machine), table.copy(), 0, 0.0
+    nominal = np.full((len(table), 3), np.nan)
+    touched = dict[object, list[Index]]()
+    for rows in of_place:
+        nominal[rows] = _points(chain, table.iloc[rows])
+        off = np.linalg.norm(nominal[rows] - np.median(nominal[rows], axis=0), axis=1)
+        if np.median(off) <= NEAR_MM and off.max() > LEAST_MM:
+            touched.setdefault(table[frames].iloc[rows[0]] if frames else "", []).append(rows)
+    for places in touched.values():
+        middles = np.array([np.median(nominal[rows], axis=0) for rows in places])
+        measured = table[list(MEASURED)].to_numpy(dtype=np.float64)
+        turn = _turn(middles, measured[[rows[0] for rows in places]], rotation)
+        if turn is None:
+            continue
+        for rows, middle in zip(places, middles, strict=True):
+            part = table.iloc[rows].copy()
+            slopes = np.stack([_points(chain, part.assign(**{j: part[j] + 1})) - nominal[rows] for j in linear], axis=2)
+            if np.linalg.matrix_rank(slopes, tol=1e-6).min() < 3:
+                continue
+            moved = np.einsum("njk,nk->nj", np.linalg.pinv(slopes), nominal[rows] - middle)
+            part[linear] = (part[linear].to_numpy() - moved).round(DIGITS)
+            beside = (nominal[rows] - _points(chain, part)) @ turn.T
+            new.loc[part.index, linear] = part[linear]
+            new.loc[part.index, list(MEASURED)] = measured[rows] - beside
+            count, largest = count + len(rows), max(largest, float(np.abs(beside).max()))
+    if not count:
+        return table, []
+    note = (
+        f"{count} rows have the place of what was touched as mx my mz and indicated positions of the axes as commands: "
+        "their commands are taken as those of the machine without errors, and what the indicated positions are beside "
+        f"these (up to {1e3 * largest:.3g} um) as what was measured. Tables of rows have both so"
+    )
+    return new, [note]
+
+
+def _points(chain: Chain, part: pd.DataFrame) -> Array:
+    """Functional points (n, 3) of a machine without errors."""
+    return np.asarray(chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(part))).T
+
+
+def _turn(nominal: Array, measured: Array, stated: Vector | None) -> Array | None:
+    """Rotation (3, 3) into the measuring frame that takes nominal places (k, 3) to measured ones; None: there is none.
+
+    The stated one, or none; else, of three places and more, the one that fits them best.
+    """
+    from scipy.spatial.transform import Rotation
+
+    a, b = nominal - nominal.mean(axis=0), measured - measured.mean(axis=0)
+    turns = [np.eye(3) if stated is None else rotation_matrix(stated)]
+    if np.linalg.matrix_rank(a, tol=NEAR_MM) > 1:
+        turns.append(Rotation.align_vectors(b, a)[0].as_matrix())
+    return next((t for t in turns if np.linalg.norm(a @ t.T - b, axis=1).max() <= NEAR_MM), None)
