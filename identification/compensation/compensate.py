@@ -41,7 +41,7 @@ from identification.compensation.read_motions import known_at_tip, motion_rows, 
 from identification.compensation.reduction import aligned, leftover, reduce
 from identification.compensation.result import Compensation, Own, Stated
 from identification.compensation.reversal import reversals
-from identification.compensation.rotary_axes import Kinematics, described, lines_of
+from identification.compensation.rotary_axes import Kinematics, described, lines_of, refuse_large
 from identification.compensation.rows import Rows, held_out, joints_read, read_rows
 from identification.compensation.seams import seams
 from identification.compensation.volume import Volume, levels
@@ -126,7 +126,7 @@ def compensate(
         volume = volume.counted_from(middle, every=several_zeros(fit.values, read))
     with progress("Following the errors along each axis"):
         setup, notes = volume.setup(points, resolution, axes)
-    rotary = _rotary_axes(controller, volume, setup, seed, kinematics, fit) if read is None else None
+    rotary = _rotary_axes(controller, volume, setup, seed, kinematics, fit, allow_large) if read is None else None
     plain = volume
     if rotary is not None and kinematics:
         field = described(field, setup, rotary.lines)
@@ -166,16 +166,8 @@ def compensate(
         tests = check_of(controller, setup, sets[0].tables)
     usual = sets[len(sets) // 2]
     loose = sorted({c for c in channels if c not in states[0] and c.startswith(UNTABULATED_PREFIXES)})
-    if isinstance(controller, Controller):
-        said = state_lines(
-            volume.at(usual.state),
-            table,
-            loose,
-            emulated(controller, usual.tables, setup, volume),
-            seed,
-        )
-    else:
-        said = state_lines(volume.at(usual.state), table, loose, volume.ideal, seed)
+    correct = emulated(controller, usual.tables, setup, volume) if isinstance(controller, Controller) else volume.ideal
+    said = state_lines(volume.at(usual.state), table, loose, correct, seed)
     if rotary is not None and kinematics and isinstance(controller, Controller):
         bare = left(plain, emulated(controller, usual.tables, setup, plain), seed).rms_um
         rotary = replace(rotary, tables_alone_um=bare)
@@ -215,7 +207,7 @@ def compensate(
 
 
 def _rotary_axes(
-    controller: Target, volume: Volume, setup: Setup, seed: int, asked: bool, fit: StoredFit
+    controller: Target, volume: Volume, setup: Setup, seed: int, asked: bool, fit: StoredFit, allow_large: bool
 ) -> Kinematics | None:
     """Rotary axes as they lie, and what that is worth; None: there are none, or nothing that describes them.
 
@@ -238,6 +230,7 @@ def _rotary_axes(
         if asked:
             raise InputError("--kinematics", "no rotary joint moved in the survey", "Leave it out")
         return None
+    refuse_large(lines, allow_large or not asked)
     known = replace(volume, field=described(volume.field, setup, lines))
     before, with_it = (left(v, nothing, seed).rms_um for v in (volume, known))
     return Kinematics(lines, before, with_it, asked, tilts)

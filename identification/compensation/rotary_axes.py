@@ -21,10 +21,14 @@ from errormodel.arrays import Array
 from errormodel.controllers.axes import directions_at_zero
 from errormodel.controllers.rotary_lines import Line
 from errormodel.controllers.setup import Setup
+from errormodel.exceptions import InputError
+from errormodel.surveys.columns import TOOL_COLUMNS
+from identification.compensation.conditions import PLAUSIBLE_MM
 from identification.compensation.field import Field
 from identification.compensation.model_uncertainty import sensitivities_at
 from identification.compensation.sample import frame_motion
 from identification.compensation.volume import Volume
+from identification.observation.stated_tip import tip_is_stated
 from identification.results.stored_fit import StoredFit
 
 POSES = 1024  # of the least squares; a power of two, for Sobol points
@@ -34,6 +38,7 @@ INDENT = "    "  # of what is said of one axis
 WORTH_SHARE = 0.8  # of the rms error that may be left for the description to be mentioned; by judgement
 LEAST_STD = 1e-6  # mm, a hundredth of the last digit that is written: what moves an axis by less is not named
 MOST_NAMES = 6  # of parameters in a line
+LEAST_OF_TIP = 0.1  # mm of shift a mm that the tip is elsewhere: what moves an axis by less is not named
 ANGLE_SCALE = 1000.0  # mm per rad, which makes shifts and tilts alike in size; by judgement
 
 
@@ -59,11 +64,12 @@ def lines_of(volume: Volume, setup: Setup, tilts: bool = True, fit: StoredFit | 
     def solve(changes: Array) -> Array:
         return np.asarray(np.linalg.lstsq(design, changes, rcond=1e-9)[0], np.float64)
 
-    found, causes, unseen = solve(errors), np.zeros((design.shape[1], 0)), np.zeros((design.shape[1], 0))
+    found, causes, unseen, tips = solve(errors), *(np.zeros((design.shape[1], n)) for n in (0, 0, 3))
     names: tuple[str, ...] = ()
     if fit is not None:
         unknown = sensitivities_at(fit, field, q, came, [(1.0, None)])
         base, unseen, names = solve(unknown.base), solve(unknown.unseen), unknown.names
+        tips = solve(_of_tip(field, q)) if tip_is_stated(fit.chain.machine) else tips
         values, vectors = np.linalg.eigh(base @ unknown.covariance @ base.T)
         causes = vectors * np.sqrt(np.maximum(values, 0.0))  # round-off of zero may be negative
     out = []
@@ -74,12 +80,35 @@ def lines_of(volume: Volume, setup: Setup, tilts: bool = True, fit: StoredFit | 
         motion, spread = ways @ found[own], ways @ causes[own]
         std = np.linalg.norm(causes[own], axis=1)[:, None]
         share = np.max(np.abs(unseen[own]) / np.maximum(std, LEAST_STD), axis=0)
-        confounded = tuple(names[m] for m in np.argsort(-share, kind="stable") if share[m] > 1)
+        of_tip = np.linalg.norm((ways @ tips[own])[:3], axis=0) > LEAST_OF_TIP
+        confounded = (
+            *(name for name, seen in zip(TOOL_COLUMNS, of_tip, strict=True) if seen),
+            *(names[m] for m in np.argsort(-share, kind="stable") if share[m] > 1),
+        )
         axis = next(a for a in setup.axes if a.joint == field.joints[k].name)
         moved_by, turned_by, way = (tuple(v.tolist()) for v in (motion[:3], motion[3:], along[k]))
         each = tuple(map(tuple, spread.T.tolist()))
         out.append(Line(axis.name, moved_by, turned_by, way, _side(field, k), axis.centre, each, confounded))
     return tuple(out)
+
+
+def _of_tip(field: Field, q: Array) -> Array:
+    """Displacements (3 n, 3) of the tip at poses (n, joints), mm a mm that it is elsewhere along x, y, z."""
+    tool = np.tile(field.chain.machine.tool, (len(q), 1))
+    return np.stack([(field.nominal(q, tool + e) - field.nominal(q, tool)).ravel() for e in np.eye(3)], axis=1)
+
+
+def refuse_large(lines: Sequence[Line], allowed: bool) -> None:
+    """InputError where an axis lies further beside its nominal place than machines are built, unless it is allowed."""
+    far = max(lines, key=lambda one: float(np.linalg.norm(one.shift)))
+    size = float(np.linalg.norm(far.shift))
+    if size > PLAUSIBLE_MM and not allowed:
+        raise InputError(
+            f"compensate, --kinematics, axis {far.axis}",
+            f"a shift of {size:.3g} mm beside its nominal place",
+            "Look for a tip of the probe that is not where tool says (tool_x tool_y tool_z), and for wrong offsets in "
+            f"machine.yaml; --allow-large writes shifts beyond {PLAUSIBLE_MM:g} mm, too",
+        )
 
 
 def described(field: Field, setup: Setup, lines: Sequence[Line]) -> Field:
@@ -118,6 +147,18 @@ class Kinematics:
     tables_alone_um: float | None = None  # what such tables leave without it; None: not asked
 
     @property
+    def of_tip(self) -> str:
+        """Which values hold only as far as the tip of the probe is where the machine's file has it; or empty."""
+        names = [f"{one.axis} ({', '.join(own)})" for one in self.lines if (own := _tip_names(one))]
+        if not names:
+            return ""
+        return (
+            f"the shifts of {' and '.join(names)} hold only as far as the tip that was measured with is where tool of "
+            "machine.yaml (or of the survey) says: what it is beside that is in them, 1 mm a mm, and in no standard "
+            "uncertainty. Readings with the spindle turned by 180 deg tell tool_x and tool_y, a second length tool_z"
+        )
+
+    @property
     def apart(self) -> str:
         """What is added where tables are advised against: the description does not depend on them."""
         if not self.asked or not all(x.spread for x in self.lines):
@@ -127,10 +168,11 @@ class Kinematics:
     def first(self) -> str:
         """What to do before the tables, or what to ask for."""
         if self.asked:
+            tip = f"; {self.of_tip}" if self.of_tip else ""
             without = f", {self.tables_alone_um:.1f} without it" if self.tables_alone_um is not None else ""
             return (
                 f"FIRST: put the rotary axes of {DESCRIPTION} into the control's kinematic description (tool centre "
-                f"point control on); the tables are for what remains with it{without}"
+                f"point control on); the tables are for what remains with it{without}{tip}"
             )
         return (
             f"constant errors of the rotary axes are a good part: the control's kinematic description alone leaves "
@@ -144,12 +186,16 @@ class Kinematics:
             std = one.std.tolist() if one.spread else None
             known = {"shift_std": std and std[:3], "tilt_std": std and std[3:]}
             lines.append({k: v for k, v in asdict(one).items() if k != "spread"} | known)
-        return asdict(self) | {"lines": lines}
+        return asdict(self) | {"lines": lines, "of_tip": self.of_tip or None}
 
     @property
     def worth(self) -> bool:
         """Whether the description alone takes away a fifth of the error."""
         return self.left_um < WORTH_SHARE * self.before_um
+
+
+def _tip_names(one: Line) -> list[str]:
+    return [name for name in TOOL_COLUMNS if name in one.confounded]
 
 
 def _uncertainty_lines(one: Line) -> Iterator[str]:
@@ -161,9 +207,12 @@ def _uncertainty_lines(one: Line) -> Iterator[str]:
     tilt = ", ".join(f"about {a} {1e6 * v:.2f} urad" for a, v in zip("xyz", std[3:], strict=True) if v > 0)
     if shift or tilt:
         yield f"standard uncertainty: {'; '.join(filter(None, (shift, tilt)))}"
-    if one.confounded:
-        names = ", ".join(one.confounded[:MOST_NAMES])
-        more = f" and {len(one.confounded) - MOST_NAMES} more" if len(one.confounded) > MOST_NAMES else ""
+    tip = _tip_names(one)
+    if tip:
+        yield f"as if the tip were where tool says: by its {', '.join(tip)} it lies elsewhere, 1 mm a mm"
+    if others := [name for name in one.confounded if name not in tip]:
+        names = ", ".join(others[:MOST_NAMES])
+        more = f" and {len(others) - MOST_NAMES} more" if len(others) > MOST_NAMES else ""
         yield f"as if these, which the survey does not tell from it, were zero: {names}{more}"
 
 
@@ -201,6 +250,8 @@ def description_text(found: Kinematics, heading: Sequence[str], steps: Sequence[
         ]
     lines += [
         "",
+        *(part for part in wrap(found.of_tip, TEXT_WIDTH)),
+        *([""] if found.of_tip else []),
         f"error over the volume: {found.before_um:.2f} um rms without, {found.left_um:.2f} with this alone",
         "",
         *(part for step in steps for part in wrap(step, TEXT_WIDTH, subsequent_indent="    ")),

@@ -39,6 +39,7 @@ from identification.observation.normal_equations import accumulate, total
 from identification.observation.open_signs import sign_notes
 from identification.observation.pose import IDENTITY, Pose
 from identification.observation.readings import ReadingView
+from identification.observation.stated_tip import tip_notes
 from identification.runtime.blas import one_blas_thread
 
 # Consecutive rows left out together in large surveys, a tenth of the rows in small ones; by judgement
@@ -151,6 +152,7 @@ def _fit(
         *idle_effects(chain, solution),
         *rotation_notes(problem.frames),
         *sign_notes(problem.views, survey.indicated),
+        *tip_notes(chain.machine, survey, problem.views),
     )
     nominal = Spread.of(nominal_residuals)
     far = (far_off(nominal),) if another(chain, nominal) else ()

@@ -37,6 +37,7 @@ from identification.observation.models import PositionView
 from identification.observation.normal_equations import accumulate
 from identification.observation.open_signs import sign_notes
 from identification.observation.pose import Pose
+from identification.observation.stated_tip import tip_notes
 from identification.runtime.blas import one_blas_thread
 from identification.runtime.engines import Crew
 from identification.streaming.expansion import KIND, ExpandedSolver, Expansion, best_frames, frame_sums
@@ -284,6 +285,7 @@ class _Streaming:
             *dropped,
             *rotation_notes(problem.frames),
             *sign_notes(problem.views, survey.indicated),
+            *tip_notes(chain.machine, first.survey, problem.views),
         )
         if another(chain, nominal):
             notes = (*notes, far_off(nominal))

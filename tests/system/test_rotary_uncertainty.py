@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,11 @@ from errormodel.chain import Chain
 from errormodel.controllers import target
 from errormodel.controllers.base import Controller
 from errormodel.controllers.rotary_lines import Line
+from errormodel.exceptions import InputError
+from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.compensation.field import Field
-from identification.compensation.rotary_axes import Kinematics, description_text, lines_of
+from identification.compensation.rotary_axes import Kinematics, description_text, lines_of, refuse_large
 from identification.compensation.volume import Volume
 from identification.estimation.fit import fit_machine
 from identification.results.store import load, save
@@ -128,3 +131,38 @@ def test_what_the_survey_does_not_tell_from_an_axis_is_named(lines: tuple[Line, 
     assert "spread" not in known
     assert "uncertainties in kinematics.txt" in Kinematics(lines, 10.0, 1.0, asked=True).apart
     assert not Kinematics(lines, 10.0, 1.0, asked=False).apart
+
+
+def test_a_tip_beside_the_tool_of_the_file_is_named_as_what_moves_the_axes(tmp_path: Path) -> None:
+    """A stylus off by 50 um along x and 350 um too long is in the shifts; a tip of unknown place is no matter."""
+    machine = read_machine(TRUNNION)
+    off = np.array([0.05, 0.0, -0.35])
+    table = positions(
+        measured(replace(machine, tool=tuple(machine.tool + off)), Chain(machine).vector({}), 150, 1, noise=NOISE)
+    )
+    for name, value in zip(("tool_x", "tool_y", "tool_z"), machine.tool, strict=True):
+        table[name] = value
+    fit = fit_machine(machine, survey(table))
+    assert any("hold only as far as the tip" in note for note in fit.notes)
+    save(fit, tmp_path / "f")
+    stored = load(tmp_path / "f")
+    volume = Volume.of(Field.of(stored, table), table, True)
+    setup = volume.setup(None, None)[0]
+    a, c = sorted(lines_of(volume, setup, True, stored), key=lambda one: one.axis)
+    assert a.shift[2] == pytest.approx(0.35, abs=0.01)
+    assert c.shift[0] == pytest.approx(-0.05, abs=0.01)
+    assert a.confounded == ("tool_y", "tool_z")
+    assert c.confounded == ("tool_x", "tool_y")
+    text = description_text(Kinematics((a, c), 100.0, 5.0, True), [], [])
+    assert "C (tool_x, tool_y)" in text
+    assert "as if these" not in text
+    near = replace(machine, effects=(EffectSpec("target-offset", {"tool": [*machine.tool], "std": "unknown"}),))
+    assert not any("hold only as far as the tip" in note for note in fit_machine(near, survey(table)).notes)
+
+
+def test_an_axis_millimetres_beside_its_place_is_refused() -> None:
+    far = Line("C", (-1.2, 0, 0), (0, 0, 0), (0, 0, 1), "table")
+    with pytest.raises(InputError, match=r"axis C: a shift of 1\.2 mm .*tool_x.*--allow-large"):
+        refuse_large([far], False)
+    refuse_large([far], True)
+    refuse_large([replace(far, shift=(-0.9, 0, 0))], False)
