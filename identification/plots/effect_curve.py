@@ -20,7 +20,7 @@ from identification.diagnosis.search.model import EffectModel
 from identification.estimation.result import Fit
 from identification.plots import style
 from identification.results.parameter_table import printed
-from identification.results.residual_projection import PAIR_SEPARATOR, Evidence, axis_of, is_warm
+from identification.results.residual_projection import PAIR_SEPARATOR, Evidence, axis_of, fades, is_warm
 
 EFFECT_POINTS = 361  # points of a curve
 DRAWN_PERIODS = 3  # periods drawn of a periodic effect with many
@@ -180,8 +180,8 @@ def _range(evidence: Evidence) -> Array:
 class Channels:
     """Channels along a curve: prescribed ones, recorded ones (time and temperatures, where `rows` are), else medians.
 
-    Without recorded rows temperatures are stationary, so lagged channels equal the channels themselves. Joints approach
-    from the given direction, or from both in equal parts.
+    Without recorded rows temperatures are stationary: lagged channels equal the channels themselves, and nothing is
+    left of the first row's state. Joints approach from the given direction, or from both in equal parts.
     """
 
     def __init__(self, evidence: Evidence, given: Mapping[str, Array], rows: Index | None = None) -> None:
@@ -198,6 +198,8 @@ class Channels:
     def __call__(self, name: str) -> Array:
         if self._rows is not None and is_warm(name):
             return self._evidence.linear.channel(name)[self._rows]
+        if fades(name):
+            return np.zeros(1)
         call = DERIVED_CHANNEL.fullmatch(name)
         if call and call[1] == "play":
             return self._behind(self(call[2]), float(call[3]) / 2)

@@ -179,6 +179,12 @@ def is_warm(name: str) -> bool:
     return name == "time" or root(name).startswith("T_")
 
 
+def fades(name: str) -> bool:
+    """Whether a channel is what is left of the state in the first row."""
+    call = DERIVED_CHANNEL.fullmatch(name)
+    return call is not None and call[1] == "initial"
+
+
 def _axes(linear: LinearModel, group: Sequence[Step], first: Index, part: Array) -> tuple[Abscissa, Split | None]:
     """Channel, or pair of channels, along which bins show most of what the finding explains."""
     effect = group[0].effect
@@ -189,9 +195,9 @@ def _axes(linear: LinearModel, group: Sequence[Step], first: Index, part: Array)
     whole = channels_of(linear, [s.effect for s in group])
     every = [n for n in whole if is_warm(n)]
     if warm:
-        pair = (
-            PAIR_SEPARATOR.join(warm[:2]) if set(every) == set(warm) and len(warm) == 2 and "time" not in warm else ""
-        )
+        # what is left of the first row's state is no sensor: it shows in time
+        two = len(warm) == 2 and set(every) == set(warm) and "time" not in warm and not any(map(fades, warm))
+        pair = PAIR_SEPARATOR.join(warm) if two else ""
         one = pair or (warm[0] if len({root(n) for n in every}) == 1 and len(every) == 1 else "time")
         one = one if linear.scene.duration else warm[0]
         names = [*(n for n in names if n not in warm), one]

@@ -12,7 +12,8 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from errormodel.effects import registry
+from errormodel.chain import Chain
+from errormodel.effects import make, registry
 from errormodel.effects.hysteresis import Hysteresis
 from errormodel.files import write_csv
 from errormodel.instruments.plain import Plain
@@ -141,6 +142,29 @@ def test_hysteresis_is_drawn_there_and_back() -> None:
     assert np.ptp(up.value[wound]) < 1e-9 < np.ptp(up.value[~wound])
     middle = Channels(evidence, {"dir_X": np.ones(1)})
     assert middle("X") - middle(f"play(X,{effect.width})") == pytest.approx(effect.width / 2)
+
+
+def test_what_began_with_another_state_is_drawn_over_time() -> None:
+    """A spindle 0.9 K colder than its sensor in the first row: what fades of that is no second sensor."""
+    options: dict[str, object] = {"sensor": "T_spindle", "tau": 600.0, "initial": -0.9}
+    plain = read_machine("vertical_three_axis")
+    options["element"] = plain.elements[-1].name
+    machine = replace(plain, effects=(EffectSpec("spindle-growth", options),))
+    frame = random_points(plain, 150, 3).assign(time=np.arange(150) * 60.0)
+    frame = frame.assign(T_spindle=20.0 + 14.0 * (1 - np.exp(-frame["time"] / 1500.0)), run="1", role="fit")
+    frame = frame.assign(file="warm.csv", row=np.arange(1, 151))
+    truth = {next(i for i in Chain(machine).ids if "spindle-growth" in i): 2e-3}
+    seen = measured_at(machine, frame, Truth(truth), 1e-3, seed=6)[["mx", "my", "mz"]]
+    survey = Survey(pd.concat([frame, seen], axis=1), "shared", ("frame",), Plain(), Path("warm.csv"))
+    linear = set_up(fit_machine(plain, survey))
+    step = Step(make(machine.effects[0]), 100.0, 100.0, 0.5)
+    model = EffectModel(linear, linear.with_effect(step.effect), (step,))
+    evidence = evidence_of(model, model.findings[0])
+    assert evidence.abscissa.name == "time"
+    ((curve,),) = curves(evidence, model, fit_machine(machine, survey)).values()
+    assert curve.value[0] == 0
+    assert abs(curve.value[-1]) == pytest.approx(2e-3 * 14 * 1e3, rel=0.2)
+    assert Channels(evidence, {"T_spindle": np.full(1, 30.0)})("initial(T_spindle,600)") == 0
 
 
 def test_bins_hold_all_rows_and_their_scatter() -> None:
