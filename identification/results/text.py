@@ -15,7 +15,7 @@ from identification.results.terminal import table_lines
 
 if TYPE_CHECKING:
     from identification.diagnosis.linear.row_residuals import ReadingSizes
-    from identification.diagnosis.results.findings import Alternative, Diagnosis
+    from identification.diagnosis.results.findings import Alternative, Diagnosis, Finding
     from identification.estimation.motions import Motions
     from identification.estimation.readings import Readings
     from identification.estimation.result import Fit, Spread
@@ -232,10 +232,27 @@ def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:
             what = f"{other.effect} at {other.where} ({by})"
             yield f"   instead: {what}, {'; '.join(comparison(other))}"
         yield f"   next: {finding.next_measurement}"
+    if said := forms_said(diagnosis.findings):
+        yield f"\n{said}"
     if diagnosis.untestable:
         yield "\ncannot be seen in this survey"
         for item in diagnosis.untestable:
             yield f"  {item.effect}: {item.reason}"
+
+
+def forms_said(findings: Sequence[Finding]) -> str:
+    """What `+-` of findings holds beside the noise; empty where none has a form of which that is known."""
+    from errormodel.effects import registry
+
+    kinds = {f.effect: registry()[f.effect] for f in findings if f.effect in registry()}
+    shares = {name: 0.0 if kind.empirical else kind.traits().form_uncertainty for name, kind in kinds.items()}
+    forms = ", ".join(f"{name} {100 * share:.0f} % of its size" for name, share in shares.items() if share)
+    if not forms:
+        return ""
+    return (
+        f"+- of findings: beside the noise how far such effects depart from their textbook form ({forms}); `fit` with "
+        "the same effects states the noise alone"
+    )
 
 
 def _worth_printing(alternatives: Sequence[Alternative]) -> list[Alternative]:

@@ -84,14 +84,21 @@ def _columns(effect: Effect, machine: Machine) -> list[str]:
 
 def unrecorded(others: Iterable[OtherEffect], machine: Machine, table: pd.DataFrame) -> Iterator[str]:
     """Notes on what may be the cause as well, and is not in all rows."""
-    chances = dict[str, float]()
+    chances = dict[tuple[int, str], float]()
+    likeliest = dict[tuple[int, str], OtherEffect]()
     for other in others:
         for name in other.missing(machine, table):
-            chances[name] = chances.get(name, 0.0) + other.weight
-    for name, chance in chances.items():
+            key = other.effect, name
+            chances[key] = chances.get(key, 0.0) + other.weight
+            likeliest[key] = max(likeliest.get(key, other), other, key=lambda o: o.weight)
+    for (number, name), chance in chances.items():
+        found = make(likeliest[number, name].spec(machine.effects[number]))
+        by = f"by {name}, which"
+        if name == "time" and "time" not in map(root, found.channels(machine)):
+            by = f"late (likeliest: by {getattr(found, 'tau', 0.0):.3g} s), which takes the time, and that"
         yield (
-            f"with a probability of {chance:.2f} an effect of the model is by {name} in truth, which is not in all "
-            f"rows: what it would change is not in their uncertainty. Add the column {name}"
+            f"with a probability of {chance:.2f} {found.effect} of {found.where} acts {by} is not in all rows: what it "
+            f"would change is not in their uncertainty. Add the column {name}"
         )
 
 

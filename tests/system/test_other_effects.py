@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from errormodel.arrays import Array
@@ -23,7 +24,7 @@ from identification.diagnosis.search.other_lags import _of_departures
 from identification.estimation.fit import fit_machine, parameters_of
 from identification.results import store
 from identification.results.predictions import predicted
-from identification.uncertainty.other_effects import OtherEffect
+from identification.uncertainty.other_effects import OtherEffect, unrecorded
 from identification.uncertainty.prediction import notes
 from tests.helpers.commands import MILL, XYZ, done, run
 from tests.helpers.diagnosed import empty_survey, showing
@@ -158,7 +159,9 @@ def test_sensors_that_warmed_alike(tmp_path: Path) -> None:
     assert (error < 2 * out["uy"] + 0.006).mean() > 0.95
     assert (error < 2 * out["uy"] + 0.006)[parted].mean() > (error < 2 * sure["uy"] + 0.006)[parted].mean()
     without = replace(later, table=later.table.drop(columns=other))
-    assert f"an effect of the model is by {other} in truth, which is not in all rows" in " ".join(notes(fit, without))
+    assert f"structure-drift of {finding.where} acts by {other}, which is not in all rows" in " ".join(
+        notes(fit, without)
+    )
     assert predicted(fit, without)["uy"].to_numpy() == pytest.approx(sure["uy"].to_numpy())
 
 
@@ -264,3 +267,15 @@ def test_the_mean_of_models_where_the_side_is_unknown(tmp_path: Path) -> None:
     points = replace(fit.survey, table=fit.survey.table.drop(columns="dir_X", errors="ignore").head(1))
     out, own, other = (predicted(f, points) for f in (stored, alone, alone.with_effect(stored.others[0])))
     assert out[XYZ].to_numpy() == pytest.approx((0.75 * own[XYZ] + 0.25 * other[XYZ]).to_numpy(), abs=1e-9)
+
+
+def test_a_lag_that_is_possible_is_named_as_that() -> None:
+    """Without the column time: no effect of the time is meant, but that of a temperature, later."""
+    machine = read_machine("vertical_three_axis")
+    own = EffectSpec("structure-drift", {"element": "column", "motion": "dy", "sensor": "T_bed"})
+    machine = replace(machine, effects=(own,))
+    others = [OtherEffect(0, {"tau": tau}, weight, {}) for tau, weight in ((42.0, 0.5), (900.0, 0.16))]
+    (note,) = unrecorded(others, machine, pd.DataFrame({"T_bed": [21.0, 22.0]}))
+    assert note.startswith("with a probability of 0.66 structure-drift of column acts late (likeliest: by 42 s), which")
+    assert note.endswith("Add the column time")
+    assert not list(unrecorded(others, machine, pd.DataFrame({"T_bed": [21.0, 22.0], "time": [0.0, 60.0]})))

@@ -108,7 +108,7 @@ def test_a_pose_that_is_probed_again_and_again_is_one_pose() -> None:
 def test_a_stopped_instrument_and_readings_of_an_r_test_stay_as_they_are() -> None:
     machine = read_machine(yaml.safe_load(WITH_SCALES))
     straight, stopped = r_test([BALL], rows=40), r_test([BALL], rows=40)
-    stopped.loc[10:20, XYZ] = stopped.loc[10, XYZ].to_list()
+    stopped.loc[10:20, XYZ] = stopped.loc[10, XYZ].to_numpy()
     for table in (straight, stopped):
         survey = read_survey(table, machine)
         assert not survey.indicated
@@ -134,5 +134,6 @@ def test_the_same_reading_in_another_frame_is_no_copy() -> None:
     table = survey.table.assign(mx=0.0, my=0.0, mz=0.0, run=np.arange(90) % 3).sort_values("run", ignore_index=True)
     copies = copied_rows(Chain(machine), replace(survey, table=table, frame="shared"))
     assert copies is not None
+    assert copies.rows is not None
     assert len(copies.rows) > 50
     assert copied_rows(Chain(machine), replace(survey, table=table, frame="per-run")) is None

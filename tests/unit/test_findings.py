@@ -7,6 +7,7 @@ import re
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -43,7 +44,7 @@ from identification.diagnosis.results.statements import (
 )
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import fit_machine
-from identification.results.text import comparison
+from identification.results.text import comparison, forms_said
 from tests.helpers import effect_battery as battery
 from tests.helpers.findings import NOISE, known, made, survey_of
 
@@ -382,3 +383,11 @@ def test_motions_that_are_one_at_the_tip_are_said() -> None:
     assert alike_of([], machine) == ""
     assert alike_of(places[:1], machine).startswith("At the tip dy of Y (EYY) would be the same: ")
     assert "dy of Y (EYY), dy of Z (EYZ) or ec of Z (ECZ) would be" in alike_of(places, machine)
+
+
+def test_what_plus_minus_holds_beside_the_noise_is_said() -> None:
+    """Of effects with a textbook form; a play has none, and what has no name follows any."""
+    names = ("spindle-growth", "backlash", "unnamed", "outliers", "beam-sag")
+    said = forms_said([SimpleNamespace(effect=name) for name in names])  # type: ignore[misc]
+    assert "(spindle-growth 9 % of its size, beam-sag 6 % of its size)" in said
+    assert not forms_said([SimpleNamespace(effect="backlash")])  # type: ignore[list-item]
