@@ -369,5 +369,7 @@ def target(name: str) -> Target:
         There is no such controller.
     """
     if name not in registry():
-        raise InputError(f"--controller {name}", "there is no such controller", nearest(name, registry()))
+        titled = " or ".join(f"'{own}'" for own, kind in registry().items() if name.lower() in kind.title.lower())
+        hint = f"Did you mean {titled}? Valid: {', '.join(registry())}" if titled else ""
+        raise InputError(f"--controller {name}", "there is no such controller", hint or nearest(name, registry()))
     return registry()[name]()

@@ -104,7 +104,7 @@ class Conditions:
         if self.worse_share > MOST_WORSE_SHARE:
             share = _percent(self.worse_share, MOST_WORSE_SHARE)
             why.append(f"it makes {share} of the poses worse, more than {100 * MOST_WORSE_SHARE:g} %")
-        return f"{', and '.join(why)}; --controller {instead} can take away more"
+        return f"{', and '.join(why)}; {instead} can take away more"
 
 
 def _percent(share: float, limit: float) -> str:

@@ -116,7 +116,7 @@ class Compensation:
     def first(self) -> list[str]:
         """What comes before everything else: why not to load the tables, and zero shifts to make first."""
         stated = [s for s in self.sets if s.conditions is not None]
-        other = " or ".join(richer(self.controller, self.setup)) if isinstance(self.controller, Controller) else ""
+        other = self._more(self.controller) if isinstance(self.controller, Controller) else ""
         harm = in_words({s.label: w for s in self.sets if (w := against_model(s.figures))}, len(self.sets))
         no_use = {s.label: w for s in stated if s.conditions and (w := s.conditions.against(other))}
         harm = harm or in_words(no_use, len(self.sets))
@@ -140,6 +140,14 @@ class Compensation:
             ordered += [f"FIRST: {x}" for x in self.controller.heed(self.usual.tables)]
         ordered += [x for x in self.turned if x.startswith("FIRST")]
         return [*dict.fromkeys(against), *(f"FIRST: {line}" for line in changed), *gentle, *self.still, *ordered]
+
+    def _more(self, controller: Controller) -> str:
+        """What can take away more than these tables: where rotary axes lie, before richer formats."""
+        formats = f"--controller {' or '.join(richer(controller, self.setup))}"
+        tables = self.usual.conditions.left_um if self.usual.conditions else 0.0
+        if self.rotary and not self.rotary.asked and self.rotary.worth and self.rotary.left_um < tables:
+            return f"--kinematics (it alone leaves {self.rotary.left_um:.1f} um) or {formats}"
+        return formats
 
     @property
     def turned(self) -> list[str]:

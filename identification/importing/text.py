@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.survey import Survey
 from identification.importing.exchanged_rows import FEWEST_PROVED
 from identification.importing.importing import Imported
@@ -26,6 +27,7 @@ WORDS: dict[What, str] = {
     "commands": "commands",
 }
 YEARS = 3e8  # s between two clocks: one has dates, the other counts from a start of its own
+ONE_PLACE_MM = 0.01  # commands of one place are rounded, the coarsest to a hundredth
 MINUTE = 120.0  # s: longer offsets are said in minutes
 
 
@@ -123,12 +125,23 @@ def _without_points(survey: Survey) -> Iterator[str]:
         yield f"{counted(int((survey.table['joint'] != '').sum()), 'row')} of error motions"
 
 
+def _places(points: Array) -> int:
+    """How many places there are among points (n, 3) mm, `FEWEST_PROVED` at most."""
+    count = 0
+    while len(points) and count < FEWEST_PROVED:
+        points = points[np.linalg.norm(points - points[0], axis=1) > ONE_PLACE_MM]
+        count += 1
+    return count
+
+
 def proof_lines(proof: Proof, survey: Survey) -> Iterator[str]:
     """How well the points lie on the commanded ones, what else was looked for, and how repeats scatter."""
     figures = f"{_length(proof.rms_um)} rms (median {_length(proof.median_um)}, largest {_length(proof.max_um)})"
     yield f"after alignment the measured points lie {figures} from the nominal machine; they reach {proof.reach:.0f} mm"
-    places = len(np.unique(np.round(proof.nominal, 3), axis=0))
-    if proof.one_place is not None:
+    places = _places(proof.nominal)
+    if survey.indicated:
+        yield "commands are what the axes indicated at what was touched: there is no join to prove"
+    elif proof.one_place is not None:
         yield proof.one_place.text
     elif places < FEWEST_PROVED:
         yield f"too few places ({places}) to prove the join: exchanged rows or a shift may not show"

@@ -16,6 +16,8 @@ from errormodel.chain import Chain
 from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
+from identification.importing.exchanged_rows import FEWEST_PROVED
+from identification.importing.text import _places
 from tests.helpers.commands import XYZ, run
 from tests.system.test_r_test import MILL, r_test, shifted
 
@@ -92,7 +94,7 @@ def test_indicated_positions_are_read_as_deviations_from_nominal_commands(turned
     seen = survey.measured - table[XYZ].to_numpy()
     apart = (seen @ frame[:3, :3] - beside).reshape(-1, len(balls), 3)  # by a constant of each ball
     assert np.ptp(apart, axis=0).max() < 2e-3 < 0.02 < np.ptp(beside, axis=0).max()
-    assert np.abs(survey.commands(["X", "Y", "Z"]) - straight[["X", "Y", "Z"]]).to_numpy().max() < 0.05
+    assert np.abs(survey.commands(["X", "Y", "Z"]) - straight[["X", "Y", "Z"]].to_numpy()).max() < 0.05
 
 
 def test_a_pose_that_is_probed_again_and_again_is_one_pose() -> None:
@@ -137,3 +139,11 @@ def test_the_same_reading_in_another_frame_is_no_copy() -> None:
     assert copies.rows is not None
     assert len(copies.rows) > 50
     assert copied_rows(Chain(machine), replace(survey, table=table, frame="per-run")) is None
+
+
+def test_places_are_counted_as_places() -> None:
+    """Three balls whose nominal places differ by the rounding of commands, at 3 decimals on either side of a half."""
+    points = np.repeat([[140.0005, 20.0, 60.0], [-90.0, 70.0005, 160.0], [60.0, -110.0, 230.0]], 9, axis=0)
+    rounded = points + np.random.default_rng(0).uniform(-1e-4, 1e-4, points.shape)
+    assert _places(rounded) == 3
+    assert _places(np.arange(300.0).reshape(-1, 3)) == FEWEST_PROVED
