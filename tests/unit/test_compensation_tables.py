@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -25,8 +24,7 @@ from identification.compensation.designs import Designs
 from identification.compensation.field import Field, movers_of
 from identification.compensation.inverse import CLOSED_MM, closing, inverse
 from identification.compensation.reduction import leftover, reduce
-from identification.compensation.result import Compensation, in_words
-from identification.compensation.rotary_axes import Kinematics
+from identification.compensation.result import in_words
 from identification.compensation.rows import Rows, held_out, read_rows
 from identification.compensation.seams import seams
 from identification.compensation.volume import Volume, levels
@@ -188,24 +186,6 @@ def test_what_can_take_away_more_is_what_can_hold_this_machine() -> None:
         controller = target(name)
         assert isinstance(controller, Controller)
         assert richer(controller, setup) == others
-
-
-def test_where_rotary_axes_lie_comes_before_richer_formats() -> None:
-    """Where that alone leaves less than the tables do, and was not asked for."""
-    setup, usual = mill().setup(None, None)[0], SimpleNamespace(conditions=SimpleNamespace(left_um=30.0))
-    said = {}
-    for left_um, asked in ((9.0, False), (35.0, False), (9.0, True)):
-        whole = SimpleNamespace(rotary=Kinematics((), 100.0, left_um, asked), setup=setup, usual=usual)
-        said[left_um, asked] = Compensation._more(whole, target("siemens-lec"))  # type: ignore[arg-type]
-    assert said[9.0, False] == "--kinematics (it alone leaves 9.0 um) or --controller siemens-cec or csv or gcode"
-    assert said[35.0, False] == said[9.0, True] == "--controller siemens-cec or csv or gcode"
-
-
-def test_a_control_is_found_by_a_word_of_its_title() -> None:
-    with pytest.raises(InputError, match=r"Did you mean 'siemens-cec' or 'siemens-lec'[?] Valid: aerotech"):
-        target("sinumerik")
-    with pytest.raises(InputError, match=r"Did you mean 'fanuc-3d'[?] Valid: "):
-        target("fanuc3d")
 
 
 def test_the_model_outside_is_that_of_the_edge() -> None:
