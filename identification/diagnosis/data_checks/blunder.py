@@ -37,6 +37,7 @@ class Blunder:
     others : changes of other columns, by which the recording is explained as well as by `changes`.
     before_um, after_um : misfit of the nominal machine with the mistake and without, where that is what gave it away.
     rows : the data rows concerned, from 1, where it is not all of them.
+    of_machine : whether the machine file is wrong rather than the recording, in which nothing is put right then.
     """
 
     text: str
@@ -51,6 +52,7 @@ class Blunder:
     rows: tuple[int, ...] | None = None
     cure: str = AxisBlunder.separate
     mended: str = ""  # how rows were put right, where `text` does not say it
+    of_machine: bool = False
 
     @property
     def doubt(self) -> str:

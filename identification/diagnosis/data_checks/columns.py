@@ -20,10 +20,18 @@ from errormodel.machine import Joint, Machine
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, Sheet, groups, sheet
+from identification.diagnosis.data_checks.declared_errors import CLEAR, left_by_declared
+from identification.diagnosis.data_checks.machine_entries import (
+    entry_text,
+    has_own_tool,
+    of_machine,
+    outside_travels,
+)
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.observation.frames import MACHINE_ERROR_SHARE
 
 ALIKE = 1.05  # times: two changes that fit as well
+NEAR = 3.0  # times: as near to the nominal machine may be the mirror image of one with errors; by judgement
 BETTER = 4.0  # times: a mended table must fit the nominal machine this much better
 RIGHT = 0.1  # of the points' spread: what fits worse has not been put right
 ZERO = 1e-3  # of the machine's size: a nominal error below it needs no other zero of a column
@@ -63,20 +71,22 @@ def wrong_column(chain: Chain, survey: Survey, *, two: bool = False, log: Decisi
             log.add("nominal-misfit", "passed", "columns", before, small)
         return None
     enough = min(before / BETTER, RIGHT)
-    simple = [*single_changes(chain.machine), *_together(chain.machine)]
-    tries = [(misfit(c), c) for c in simple]
-    if _least(tries) > enough and before > larger:
-        zeros = [(_zero(chain, columns, joint, fixed),) for joint in chain.machine.joints]
-        tries += [(misfit(c), c) for c in zeros]
+    own_tool = has_own_tool(chain.machine, columns)
+    simple = [*single_changes(chain.machine), *changes_together(chain.machine, own_tool)]
+    of_columns = [c for c in simple if own_tool or c[0].column not in TOOL_COLUMNS]
+    tries = [(misfit(c), c) for c in of_columns]
+    if _least(tries) > enough:
+        zeros = [(_zero(chain, columns, joint, fixed),) for joint in chain.machine.joints if before > larger]
+        tries += [(misfit(c), c) for c in (*zeros, *(c for c in simple if c not in of_columns))]
     if _least(tries) > enough and before > largest and two:
         tries = [(BETTER * misfit(c), c) for c in _pairs(chain, columns, fixed, simple)]
     if _least(tries) > enough:
         log.add("wrong-column", "passed", "columns", _least(tries), enough, beside=f"{before:.4g} as written")
         return None
-    changes, *others = _likeliest(tries, columns, chain)
+    changes, *others = _likeliest(tries, columns, chain, survey)
     what = f"column {' '.join(dict.fromkeys(c.column for c in changes))}"
     log.add("wrong-column", "found", what, _least(tries), enough, beside=f"{before:.4g} as written")
-    texts = dict.fromkeys(_text(c, chain.machine, fixed) for c in (changes, *others))
+    texts = dict.fromkeys(change_text(c, chain.machine, fixed, columns) for c in (changes, *others))
     return Blunder(
         text="; or ".join(texts),
         survey=replace(survey, table=mended(survey.table, changes)),
@@ -86,6 +96,7 @@ def wrong_column(chain: Chain, survey: Survey, *, two: bool = False, log: Decisi
         others=tuple({c[0].where: c for c in reversed(others) if c[0].where != changes[0].where}.values())[::-1],
         before_um=1e3 * table.misfit(),
         after_um=1e3 * Points.of(chain, mended(columns, changes), fixed).misfit(),
+        of_machine=of_machine(chain.machine, columns, mended(columns, changes), changes[0]),
     )
 
 
@@ -96,7 +107,7 @@ def mended(table: Table, changes: Changes) -> Table:
     return table
 
 
-def _text(changes: Changes, machine: Machine, fixed: bool) -> str:
+def change_text(changes: Changes, machine: Machine, fixed: bool, columns: Sheet) -> str:
     """What is wrong; one sentence for all columns that are wrong in the same way."""
     first, *more = changes
     if not more and first.column in MEASURED and not fixed and _reflects(first):
@@ -108,8 +119,11 @@ def _text(changes: Changes, machine: Machine, fixed: bool) -> str:
     names = [c.column for c in changes]
     if more and not any(c.swap or c.offset or c.factor != first.factor for c in changes):
         same = first.model_copy(update={"column": enumerated(names)})
-        return same.text(machine).replace("column ", "each of columns ", 1)
-    return " and ".join(c.text(machine) for c in changes)
+        whose = "columns" if has_own_tool(machine, columns) or first.column not in TOOL_COLUMNS else "the machine file's"
+        return same.text(machine).replace("column ", f"each of {whose} ", 1)
+    if more:
+        return " and ".join(c.text(machine) for c in changes)
+    return entry_text(machine, columns, mended(columns, changes), first)
 
 
 def _pairs(chain: Chain, columns: Sheet, fixed: bool, simple: list[Changes]) -> list[Changes]:
@@ -145,10 +159,14 @@ def single_changes(machine: Machine) -> Iterator[Changes]:
             yield (AxisBlunder(column=one_, swap=other_),)
 
 
-def _together(machine: Machine) -> Iterator[Changes]:
+def changes_together(machine: Machine, own_tool: bool) -> Iterator[Changes]:
     """All columns of a kind in another unit, and the tool's point given from the other end."""
-    rotary = [j.name for j in machine.joints if j.type == "rotary"]
-    for names, factors in ((rotary, (DEGREE, 1 / DEGREE)), (TOOL_COLUMNS, (-1.0, *UNITS))):
+    rotary, linear = ([j.name for j in machine.joints if j.type == kind] for kind in ("rotary", "prismatic"))
+    # beside rotary axes the machine's dimensions say how long a mm is
+    lengths = [*linear, *MEASURED, *(TOOL_COLUMNS if own_tool else ())] if rotary else []
+    for names, factors in (
+        (rotary, (DEGREE, 1 / DEGREE)), (TOOL_COLUMNS, (-1.0, *UNITS)), (lengths, UNITS),
+    ):  # fmt: skip
         if len(names) > 1:
             yield from (tuple(AxisBlunder(column=name, factor=f) for name in names) for f in factors)
 
@@ -187,27 +205,46 @@ def _frame_columns(points: Array) -> Array:
     return np.concatenate([shifts, np.cross(np.eye(3)[None], middle[:, None, :])], axis=1)
 
 
-def _likeliest(tries: list[tuple[float, Changes]], columns: Sheet, chain: Chain) -> list[Changes]:
+def _likeliest(tries: list[tuple[float, Changes]], columns: Sheet, chain: Chain, survey: Survey) -> list[Changes]:
     """Of the changes that fit as well as the best, those that keep the joints best within their travels.
 
     A mirrored joint and a mirrored column can be one and the same reflection. Then no joint is blamed for what a
-    measured column explains: the measured ones come first.
+    measured column explains: the measured ones come first. Joints of which each has a mirrored machine that lies as
+    near are told by what the declared errors leave.
     """
-    alike = [c for misfit, c in tries if misfit <= ALIKE * _least(tries) + 1e-8]
-    outside = [round(outside_travels(mended(columns, c), chain.machine), 1) for c in alike]
-    inside = [c for c, out in zip(alike, outside, strict=True) if out == min(outside)]
-    return sorted(inside, key=lambda c: not all(one.column in MEASURED and _reflects(one) for one in c))
+    least = _least(tries)
+    near = [(misfit, c) for misfit, c in tries if misfit <= NEAR * least + 1e-8]
+    outside = [round(outside_after(columns, c, chain.machine), 1) for _, c in near]
+    inside = [t for t, out in zip(near, outside, strict=True) if out == min(outside)]
+    alike = [c for misfit, c in inside if misfit <= ALIKE * _least(inside) + 1e-8]
+    of_joints = [c for _, c in inside if len(c) == 1 and c[0].factor == -1 and c[0].column not in MEASURED]
+    if len(of_joints) > 1 and all(c in of_joints for c in alike):
+        alike = told_apart(chain, survey, of_joints) or alike
+    return sorted(alike, key=lambda c: not all(one.column in MEASURED and _reflects(one) for one in c))
+
+
+def told_apart(chain: Chain, survey: Survey, ways: list[Changes]) -> list[Changes]:
+    """Those of some changes with which the machine's declared errors leave clearly less than with others."""
+    left = [left_by_declared(chain, replace(survey, table=mended(survey.table, c))) for c in ways]
+    known = [deviation for found in left if found is not None for deviation in found[:1]]
+    if len(known) < len(ways):
+        return []
+    return [c for c, deviation in zip(ways, known, strict=True) if deviation <= CLEAR * min(known)]
+
+
+def outside_after(columns: Sheet, changes: Changes, machine: Machine) -> float:
+    """Part of the positions outside the travels after some changes.
+
+    A joint that counts the other way may as well have the wrong sign of its axis in the machine file: then its
+    positions are those that are written.
+    """
+    after = outside_travels(mended(columns, changes), machine)
+    joints = {joint.name for joint in machine.joints}
+    if len(changes) == 1 and changes[0].factor == -1 and changes[0].column in joints:
+        return min(after, outside_travels(columns, machine))
+    return after
 
 
 def _reflects(change: AxisBlunder) -> bool:
     """Whether it makes a left-handed frame of a right-handed one."""
     return bool(change.swap) or change.factor == -1
-
-
-def outside_travels(columns: Sheet, machine: Machine) -> float:
-    """Part of the positions that lie outside the travels, summed over the joints."""
-    total = 0.0
-    for joint in machine.joints:
-        q, slack = columns[joint.name], 0.01 * (joint.travel[1] - joint.travel[0])
-        total += float(np.mean((q < joint.travel[0] - slack) | (q > joint.travel[1] + slack)))
-    return total

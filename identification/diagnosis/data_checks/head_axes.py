@@ -15,16 +15,13 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 from errormodel.surveys.columns import MEASURED
+from identification.diagnosis.data_checks.declared_errors import CLEARLY, DeclaredErrors
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
-from identification.observation.normal_equations import design_rows
 from identification.observation.open_signs import at_one_place
 
-CLEARLY = 25.0  # log likelihood ratio
 BETTER = 1.5  # times the residual standard deviation
-MOST_ROWS = 4000  # evenly spaced; so many readings tell any two assignments apart
-NO_EFFECT = 1e-12  # of the largest column of M: by rounding only
 
 
 class Axes(NamedTuple):
@@ -78,21 +75,13 @@ def refuse_turned_head(fit: Fit) -> None:
 
 
 def assigned(fit: Fit) -> Assigned | None:
-    """Axes with which the readings of a head fit clearly better than as they are written, or None."""
-    views = [v for v in fit.problem.views if isinstance(v, PositionView)]
-    if fit.survey.indicated or not at_one_place(views):
+    """Axes with which the readings fit clearly better than as they are written, or None."""
+    if fit.survey.indicated or not at_one_place(fit.problem.views):
         return None
-    step = -(-sum(map(len, views)) // MOST_ROWS)
-    views = [v.part(slice(None, None, step)) for v in views]
-    place, zero = fit.problem.place(), np.zeros(len(fit.chain.ids))
-    gaps = [np.hstack([g for _, g in v.gaps(zero)]) for v in views]
-    design = np.vstack([design_rows(v, place, most=len(v)) for v in views])
-    norms = np.linalg.norm(design, axis=0)
-    seen = norms > NO_EFFECT * norms.max(initial=0.0)
-    basis = orthonormal_basis(design[:, seen] / norms[seen])
-    freedom = len(basis) - basis.shape[1]
-    if freedom <= 0:
+    as_stated = DeclaredErrors.of(fit.problem)
+    if as_stated is None:
         return None
+    views, gaps, basis, freedom = as_stated.views, as_stated.gaps, as_stated.basis, as_stated.freedom
     tools = [_orientation(v) for v in views]
     zeros = np.vstack(
         [v.whiten(slice(None), t.transpose(2, 1, 0)).reshape(3, -1).T for v, t in zip(views, tools, strict=True)]

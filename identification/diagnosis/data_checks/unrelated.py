@@ -11,7 +11,7 @@ from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.effects.axis_blunder import AxisBlunder
 from errormodel.exceptions import InputError
-from errormodel.machine import Joint
+from errormodel.machine import Joint, Machine
 from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED
@@ -20,11 +20,15 @@ from identification.diagnosis.data_checks.columns import (
     BETTER,
     TWO,
     Changes,
+    change_text,
+    changes_together,
     mended,
-    outside_travels,
+    outside_after,
     single_changes,
+    told_apart,
     wrong_column,
 )
+from identification.diagnosis.data_checks.machine_entries import has_own_tool
 from identification.diagnosis.data_checks.rows import FEWEST
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.estimation.result import Fit
@@ -101,7 +105,8 @@ def refuse_unrelated(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED
             log.add("unrelated-points", "passed", "rows", found / shuffled, RELATED, beside="rows in any order")
             continue
         if points.reach < STAYS * points.spread:
-            what, cure = _one_place(chain, columns, points)
+            own = replace(survey, table=survey.table.iloc[rows])
+            what, cure = _one_place(chain, own, columns, points)
         elif points.fixed:
             what, cure = _fixed(chain, points, found)
         elif points.spread < STAYS * points.reach:
@@ -142,15 +147,17 @@ def _in_some_runs(chain: Chain, survey: Survey, rows: Index) -> tuple[str, str] 
     return said, f"Put the columns of run {', '.join(bad)} right, or leave these rows out"
 
 
-def _one_place(chain: Chain, columns: Sheet, points: Points) -> tuple[str, str]:
+def _one_place(chain: Chain, survey: Survey, columns: Sheet, points: Points) -> tuple[str, str]:
     """What is wrong, and the cure, where the measured points stay at one place and the nominal ones do not."""
     what = (
         f"the measured points stay at one place, within {points.reach:.4g} mm, and the nominal points of the commands "
         f"wander by {points.spread:.4g} mm"
     )
-    together = [change[0].text(chain.machine) for change in _bring_together(chain, columns, points)]
-    if 0 < len(together) <= LISTED_CHANGES:
-        one = " or ".join(together)
+    found = _bring_together(chain, columns, points)
+    if len(found) > 1:
+        found = told_apart(chain, survey, [*found, *_with_measured(chain.machine, found)]) or found
+    if 0 < len(found) <= LISTED_CHANGES:
+        one = "; or ".join(change_text(c, chain.machine, points.fixed, columns) for c in found)
         return what, f"If one ball was measured, {one}: with that alone put right the nominal points coincide"
     return what, (
         "If one ball was measured, look at the sign, the zero and the unit of each joint's column. If the columns hold "
@@ -168,11 +175,20 @@ def _bring_together(chain: Chain, columns: Sheet, points: Points) -> list[Change
         return Points.of(chain, mended(columns, changes), fixed=True).spread
 
     joints = {joint.name for joint in chain.machine.joints}
-    simple = [c for c in single_changes(chain.machine) if c[0].column in joints]
+    every = (*single_changes(chain.machine), *changes_together(chain.machine, has_own_tool(chain.machine, columns)))
+    simple = [c for c in every if c[0].column in joints]
     enough = points.spread / FALLS
     found = [c for c in simple if spread(c) < enough] or [c for c in _zeros(chain, columns) if spread(c) < enough]
-    outside = [round(outside_travels(mended(columns, c), chain.machine), 1) for c in found]
+    outside = [round(outside_after(columns, c, chain.machine), 1) for c in found]
     return [c for c, out in zip(found, outside, strict=True) if out == min(outside)]
+
+
+def _with_measured(machine: Machine, found: list[Changes]) -> Iterator[Changes]:
+    """Linear joints that count the other way together with a measured column: a recording of the mirrored machine."""
+    linear = {joint.name for joint in machine.joints if joint.type == "prismatic"}
+    for changes in found:
+        if len(changes) == 1 and changes[0].column in linear and changes[0].factor == -1:
+            yield from ((*changes, AxisBlunder(column=name, factor=-1.0)) for name in MEASURED)
 
 
 def _zeros(chain: Chain, columns: Sheet) -> Iterator[Changes]:
