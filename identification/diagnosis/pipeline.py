@@ -20,7 +20,7 @@ from identification.diagnosis.courses import with_courses, with_wanderer
 from identification.diagnosis.data_checks.approach_direction import contrary_sides
 from identification.diagnosis.data_checks.blunder import Blunder, listed, misses
 from identification.diagnosis.data_checks.checks import MOST_BLUNDERS, find_blunders, without
-from identification.diagnosis.data_checks.gate import refuse_another_machine
+from identification.diagnosis.data_checks.gate import refuse_another_machine, refused
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
 from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
 from identification.diagnosis.data_checks.outliers import gross_rows, masked_rows
@@ -44,7 +44,6 @@ from identification.diagnosis.results.beyond_recorded import known_where_recorde
 from identification.diagnosis.results.diagnosed import Diagnosed
 from identification.diagnosis.results.effect_size import Amount, whole_of
 from identification.diagnosis.results.findings import (
-    Alternative,
     Diagnosis,
     Finding,
     HeldOut,
@@ -74,7 +73,7 @@ from identification.diagnosis.results.statements import (
     subject,
 )
 from identification.diagnosis.results.untestable import unconsidered
-from identification.diagnosis.results.verdict import judge, no_larger, with_doubt
+from identification.diagnosis.results.verdict import judge, no_larger
 from identification.diagnosis.results.witnesses import WitnessResult, with_witnesses
 from identification.diagnosis.search.instrument_noise import station_notes
 from identification.diagnosis.search.model import EffectModel
@@ -142,6 +141,8 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     if not read:
         with progress("Looking for mistakes in the columns"):
             blunders = find_blunders(machine, survey, log)
+        if unclear := [b for b in blunders if b.open]:
+            raise refused(survey, unclear[0])
     with progress("Fitting the machine"):
         before = [fit_if_possible(machine, s) for s in (survey, *(b.survey for b in blunders))[: len(blunders)]]
         survey = blunders[-1].survey if blunders else survey
@@ -200,7 +201,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))
     dependence = no_larger(dependence, final)
-    verdict = with_doubt(judge(final, bool(findings), dependence, log), findings)
+    verdict = judge(final, bool(findings), dependence, log)
     final = replace(final, systematic_mm=1e-3 * verdict.systematic_um)
     unusable = (f"{name} drives nothing: {reason}" for name, reason in dead.items())
     baseline = next((b for b in fits if b is not None), mended)
@@ -353,25 +354,17 @@ def _moved(before: Fit, linear: LinearModel, columns: Array, values: Array) -> d
 
 def _blunder_finding(blunder: Blunder, before: Fit | None, after: Fit | None) -> Finding:
     errors = [spread(fit, heldout=True).rms_um if fit else float("nan") for fit in (before, after)]
-    text = f"{blunder.text[0].upper()}{blunder.text[1:]}{blunder.mended}{misses(blunder)}{blunder.doubt}"
-    share = 0.999 / (1 + len(blunder.others))
-    brief = blunder.text.split(":")[0]
-    if blunder.others:
-        brief += f", or column {' or '.join(c[0].column for c in blunder.others)} is wrong"
+    text = f"{blunder.text[0].upper()}{blunder.text[1:]}{blunder.mended}{misses(blunder)}"
     return Finding(
         effect=blunder.effect,
         where=blunder.where,
         driver=list(blunder.driver),
         statement=f"{text}.",
-        probability=share,
+        probability=0.999,
         p_value=0.0,
         heldout_rms_um=HeldOut(*errors),
-        alternatives=[
-            Alternative(blunder.effect, c[0].where, 0.0, False, driver=[one.column for one in c], probability=share)
-            for c in blunder.others
-        ],
         next_measurement=blunder.check,
-        brief=brief,
+        brief=blunder.text.split(":")[0],
         size_um=blunder.before_um or 0.0,
         rows=list(blunder.rows) if blunder.rows else None,
     )

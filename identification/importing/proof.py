@@ -17,7 +17,7 @@ from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED, ORIENTATION
-from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, groups, misses, sheet
+from identification.diagnosis.data_checks.blunder import FEWEST, OF_MACHINE, Blunder, Points, groups, misses, sheet
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
 from identification.importing.axes_as_points import refuse_axes_as_points
@@ -229,8 +229,7 @@ def _refuse_mistakes(machine: Machine, survey: Survey, parts: list[tuple[Index, 
         refuse_exchanged(parts, survey, FOREIGN)
         return
     text = "; and ".join(f"{b.text}{misses(b)}{b.doubt}" for b in found)
-    cure = _cure(found[0].text)
-    raise InputError(_place(survey), text, cure)
+    raise InputError(_place(survey), text, OF_MACHINE.capitalize() if found[0].of_machine else _cure(found[0].text))
 
 
 def _cure(text: str) -> str:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 ROUNDS = 6  # of an alignment: enough to leave outliers out
 LISTED = 12  # rows in a message
+OF_MACHINE = "see at the machine which of these it is; then correct the machine file, or the table"
 FEWEST = 8  # rows with all three components, to say anything
 
 
@@ -37,7 +38,7 @@ class Blunder:
     others : changes of other columns, by which the recording is explained as well as by `changes`.
     before_um, after_um : misfit of the nominal machine with the mistake and without, where that is what gave it away.
     rows : the data rows concerned, from 1, where it is not all of them.
-    of_machine : whether the machine file is wrong rather than the recording, in which nothing is put right then.
+    of_machine : whether the machine file may be wrong rather than the recording, in which nothing is put right then.
     """
 
     text: str
@@ -55,6 +56,11 @@ class Blunder:
     of_machine: bool = False
 
     @property
+    def open(self) -> bool:
+        """Whether the recording does not tell what is wrong, so that nobody may put it right unasked."""
+        return bool(self.others) or self.of_machine
+
+    @property
     def doubt(self) -> str:
         """That the recording does not tell which columns are wrong, as a sentence; empty where it does."""
         if not self.others:
@@ -68,13 +74,15 @@ class Blunder:
     def check(self) -> str:
         """How to find out which columns are wrong, or else how to put them right."""
         if not self.others:
-            return self.cure
+            return OF_MACHINE if self.of_machine else self.cure
         names = dict.fromkeys(c.column for change in (self.changes, *self.others) for c in change)
         axes = [name for name in names if name not in (*MEASURED, *TOOL_COLUMNS)]
+        if not axes:
+            return self.cure
         one = f"each of {' '.join(axes)}" if len(axes) > 1 else axes[0]
         return (
             f"move {one} by hand in its positive direction and look at the sign: of what changes in its column, and of "
-            "what is measured; then correct the table or the program that writes it"
+            "what is measured; then correct the table or the program that writes it, or the machine file"
         )
 
 

@@ -1,6 +1,7 @@
 """Gate 0: mistakes in a recording, which mimic everything. They are put right and reported, never explained as physics.
 
-Columns with another sign, unit, zero or place (`wrong_columns`), rows in another order, frame or meaning
+Columns with another sign, unit, zero or place (`wrong_columns`), also where points in a plane do not show it
+(`left_handed`), rows in another order, frame or meaning
 (`wrong_rows`), copies and clocks (`bookkeeping`), readings of the opposite sign (`opposite_readings`). Sensors that are
 none are set aside by `sensors`.
 """
@@ -20,6 +21,7 @@ from errormodel.surveys.columns import MEASURED, READINGS
 from identification.diagnosis.data_checks.blunder import Blunder
 from identification.diagnosis.data_checks.columns import wrong_column
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows, set_clock
+from identification.diagnosis.data_checks.hand import left_handed
 from identification.diagnosis.data_checks.opposite_readings import find_opposite_readings
 from identification.diagnosis.data_checks.rows import refuse_other_targets, wrong_rows
 from identification.diagnosis.data_checks.unrelated import refuse_still_joint, refuse_unrelated
@@ -43,6 +45,7 @@ def find_blunders(machine: Machine, survey: Survey, log: DecisionLog = UNRECORDE
         lambda s: set_clock(s, log),
         lambda s: wrong_column(chain, s, log=log) or wrong_rows(chain, s, log),
         lambda s: wrong_column(chain, s, two=True, log=log),
+        lambda s: left_handed(chain, s, log),
         lambda s: find_opposite_readings(chain, s, log),
     ]
     out = list[Blunder]()

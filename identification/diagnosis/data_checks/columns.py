@@ -22,6 +22,7 @@ from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, Sheet, groups, sheet
 from identification.diagnosis.data_checks.declared_errors import CLEAR, left_by_declared
 from identification.diagnosis.data_checks.machine_entries import (
+    all_lengths,
     entry_text,
     has_own_tool,
     of_machine,
@@ -96,7 +97,7 @@ def wrong_column(chain: Chain, survey: Survey, *, two: bool = False, log: Decisi
         others=tuple({c[0].where: c for c in reversed(others) if c[0].where != changes[0].where}.values())[::-1],
         before_um=1e3 * table.misfit(),
         after_um=1e3 * Points.of(chain, mended(columns, changes), fixed).misfit(),
-        of_machine=of_machine(chain.machine, columns, mended(columns, changes), changes[0]),
+        of_machine=of_machine(chain.machine, columns, mended(columns, changes), changes),
     )
 
 
@@ -119,8 +120,10 @@ def change_text(changes: Changes, machine: Machine, fixed: bool, columns: Sheet)
     names = [c.column for c in changes]
     if more and not any(c.swap or c.offset or c.factor != first.factor for c in changes):
         same = first.model_copy(update={"column": enumerated(names)})
-        whose = "columns" if has_own_tool(machine, columns) or first.column not in TOOL_COLUMNS else "the machine file's"
-        return same.text(machine).replace("column ", f"each of {whose} ", 1)
+        of_file = first.column in TOOL_COLUMNS and not has_own_tool(machine, columns)
+        whose = "the machine file's" if of_file else "columns"
+        text = same.text(machine).replace("column ", f"each of {whose} ", 1)
+        return f"{text}, or the lengths of the machine file divided by it" if all_lengths(changes) else text
     if more:
         return " and ".join(c.text(machine) for c in changes)
     return entry_text(machine, columns, mended(columns, changes), first)
@@ -214,13 +217,15 @@ def _likeliest(tries: list[tuple[float, Changes]], columns: Sheet, chain: Chain,
     """
     least = _least(tries)
     near = [(misfit, c) for misfit, c in tries if misfit <= NEAR * least + 1e-8]
-    outside = [round(outside_after(columns, c, chain.machine), 1) for _, c in near]
+    # of a measured column that is mirrored the text says itself that the machine file may be so
+    mirrored = any(_mirrors_measured(c) for _, c in near)
+    outside = [round(outside_after(columns, c, chain.machine, axes=not mirrored), 1) for _, c in near]
     inside = [t for t, out in zip(near, outside, strict=True) if out == min(outside)]
     alike = [c for misfit, c in inside if misfit <= ALIKE * _least(inside) + 1e-8]
     of_joints = [c for _, c in inside if len(c) == 1 and c[0].factor == -1 and c[0].column not in MEASURED]
     if len(of_joints) > 1 and all(c in of_joints for c in alike):
         alike = told_apart(chain, survey, of_joints) or alike
-    return sorted(alike, key=lambda c: not all(one.column in MEASURED and _reflects(one) for one in c))
+    return sorted(alike, key=lambda c: not _mirrors_measured(c))
 
 
 def told_apart(chain: Chain, survey: Survey, ways: list[Changes]) -> list[Changes]:
@@ -232,14 +237,24 @@ def told_apart(chain: Chain, survey: Survey, ways: list[Changes]) -> list[Change
     return [c for c, deviation in zip(ways, known, strict=True) if deviation <= CLEAR * min(known)]
 
 
-def outside_after(columns: Sheet, changes: Changes, machine: Machine) -> float:
+def measured_reflections() -> Iterator[Changes]:
+    """One measured column's sign, or two that are swapped."""
+    yield from ((AxisBlunder(column=name, factor=-1.0),) for name in MEASURED)
+    yield from ((AxisBlunder(column=one, swap=other),) for one, other in combinations(MEASURED, 2))
+
+
+def _mirrors_measured(changes: Changes) -> bool:
+    return all(change.column in MEASURED and _reflects(change) for change in changes)
+
+
+def outside_after(columns: Sheet, changes: Changes, machine: Machine, *, axes: bool = True) -> float:
     """Part of the positions outside the travels after some changes.
 
-    A joint that counts the other way may as well have the wrong sign of its axis in the machine file: then its
-    positions are those that are written.
+    With `axes`, a joint that counts the other way may as well have the wrong sign of its axis in the machine file: then
+    its positions are those that are written.
     """
     after = outside_travels(mended(columns, changes), machine)
-    joints = {joint.name for joint in machine.joints}
+    joints = {joint.name for joint in machine.joints} if axes else set()
     if len(changes) == 1 and changes[0].factor == -1 and changes[0].column in joints:
         return min(after, outside_travels(columns, machine))
     return after

@@ -23,6 +23,7 @@ from errormodel.surveys.columns import MEASURED
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, groups, listed, misses, sheet
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
+from identification.diagnosis.data_checks.hand import left_handed
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
 from identification.diagnosis.data_checks.opposite_readings import opposite_readings
 from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
@@ -83,6 +84,8 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
     if nominal.n and 1e-3 * nominal.max_um >= MACHINE_ERROR_SHARE * fit.chain.size:
         examine(machine, survey, robust)
         refuse_another_machine(fit)
+    elif (mirrored := left_handed(fit.chain, survey)) is not None:
+        raise refused(survey, mirrored)
     _refuse_opposite(survey, fit)
     return fit
 
@@ -134,7 +137,7 @@ def examine(machine: Machine, survey: Survey, robust: bool = False) -> None:
     chain = Chain(machine)
     for blunder in find_blunders(machine, survey):
         if blunder.effect != ClockOffset.effect or "time" in map(root, chain.channels):
-            raise InputError(str(survey.source), f"{blunder.text}{misses(blunder)}{blunder.doubt}", _cure(blunder))
+            raise refused(survey, blunder)
     if not robust:
         _refuse_wild(chain, survey)
 
@@ -144,12 +147,17 @@ def _whole(survey: Survey) -> bool:
     return bool(np.isfinite(survey.fit.measured).all(axis=1).sum() >= FEWEST)
 
 
+def refused(survey: Survey, blunder: Blunder) -> InputError:
+    """What a command says that does not put a mistake right."""
+    return InputError(str(survey.source), f"{blunder.text}{misses(blunder)}{blunder.doubt}", _cure(blunder))
+
+
 def _cure(blunder: Blunder) -> str:
     """What to write instead."""
     swaps = [c for c in blunder.changes if c.swap]
     cure = blunder.check[0].upper() + blunder.check[1:]
-    if blunder.others:
-        return f"{cure}. `errormodel diagnose` takes it for the first and goes on"
+    if blunder.open:
+        return cure
     if len(swaps) == len(blunder.changes) == 1 and swaps[0].factor == 1 and "left-handed" not in blunder.text:
         one, other = swaps[0].column, swaps[0].swap
         cure = f"Write columns: {{{one}: {other}, {other}: {one}}} in a survey.yaml, or {cure[0].lower()}{cure[1:]}"

@@ -6,12 +6,14 @@ Travels tell them apart where the column, put right, would leave them, or comes 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from errormodel.effects.axis_blunder import AxisBlunder
 from errormodel.exceptions import enumerated
 from errormodel.machine import Joint, Machine, Shape
-from errormodel.surveys.columns import TOOL_COLUMNS
+from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS
 from identification.diagnosis.data_checks.blunder import Sheet
 
 LEFT = 0.05  # of the positions: so many that leave the travels tell that the column was right
@@ -37,12 +39,24 @@ def left_travels(machine: Machine, written: Sheet, right: Sheet) -> float:
     return outside_travels(right, machine) - outside_travels(written, machine)
 
 
-def of_machine(machine: Machine, written: Sheet, right: Sheet, change: AxisBlunder) -> bool:
-    """Whether the machine file is wrong rather than the column, as its positions or the lack of a column tell."""
-    if change.column in TOOL_COLUMNS:
+def of_machine(machine: Machine, written: Sheet, right: Sheet, changes: Sequence[AxisBlunder]) -> bool:
+    """Whether the machine file may be wrong rather than the columns.
+
+    Positions that leave the travels tell it, or the lack of a column. Of all lengths together nothing does.
+    """
+    first = changes[0]
+    if first.column in TOOL_COLUMNS:
         return not has_own_tool(machine, written)
-    turned = change.factor == -1 or bool(change.offset)
+    if all_lengths(changes):
+        return True
+    turned = len(changes) == 1 and (first.factor == -1 or bool(first.offset))
     return turned and left_travels(machine, written, right) > LEFT
+
+
+def all_lengths(changes: Sequence[AxisBlunder]) -> bool:
+    """Whether they are another unit of all lengths together, of positions and of what was measured."""
+    names = {change.column for change in changes}
+    return len(names) > len(MEASURED) and names.issuperset(MEASURED)
 
 
 def entry_text(machine: Machine, written: Sheet, right: Sheet, change: AxisBlunder) -> str:
@@ -53,7 +67,7 @@ def entry_text(machine: Machine, written: Sheet, right: Sheet, change: AxisBlund
     entries = _entries(machine, change)
     if not entries or left_travels(machine, written, right) < -LEFT:
         return text
-    if of_machine(machine, written, right, change):
+    if of_machine(machine, written, right, [change]):
         return f"{text}, or rather {entries}, as the column then leaves the travel"
     return f"{text}, or {entries}"
 

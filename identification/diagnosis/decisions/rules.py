@@ -26,9 +26,9 @@ from identification.diagnosis.decisions.stages import (
     WITNESSES,
 )
 
-_CONTAMINATED = "data_checks.contaminated_noise"
 _RUNS, _COLUMNS, _ROWS = "data_checks.runs_of_motions", "data_checks.columns", "data_checks.rows"
 _NOISE, _SENSORS = "search.instrument_noise", "data_checks.temperature_sensors"
+_COPIES, _CONTAMINATED = "data_checks.duplicates_and_clock", "data_checks.contaminated_noise"
 _SCORING, _FORWARD, _REFINED = "search.scoring", "search.forward_selection", "search.refinement"
 _COMPARED, _WITNESSES, _FINDINGS = "search.model_comparison", "results.witnesses", "results.findings"
 
@@ -40,8 +40,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _in(_RUNS, "CLEAR_STEP", "LARGE_STEP", "STEP_OVER_DRIFT", "FEWEST_ASIDE"),
         ),
         "run-opposite-sign": Rule(
-            DATA, "", "A run of error motions that fits the others with the opposite sign is named.",
-            _in(_RUNS, "CLEAR_FACTOR"),
+            DATA, "", "A run of error motions of the opposite sign of the others is named.", _in(_RUNS, "CLEAR_FACTOR")
         ),
         "reading-opposite-sign": Rule(
             DATA, GAIN, "Readings whose mirror image fits the rest of the survey clearly better are taken so.",
@@ -49,11 +48,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "copied-rows": Rule(
             DATA, COUNT, "Rows that repeat earlier readings to the last digit are left out.",
-            _in("data_checks.duplicates_and_clock", "CHANCE", "COARSE", "REPEATS"),
+            _in(_COPIES, "CHANCE", "COARSE", "REPEATS"),
         ),
         "clock-set-back": Rule(
-            DATA, COUNT, "Time that falls back within a run is taken to go on.",
-            _in("data_checks.duplicates_and_clock", "RESETS"),
+            DATA, COUNT, "Time that falls back within a run is taken to go on.", _in(_COPIES, "RESETS")
         ),
         "first-approach": Rule(
             DATA, GAIN, "Of a direction of approach that nothing states the likelier sign is taken.",
@@ -66,7 +64,11 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "wrong-column": Rule(
             DATA, "misfit per spread of the points",
             "A change of whole columns with which the nominal machine fits so much better is a mistake in them.",
-            _in(_COLUMNS, "BETTER", "RIGHT", "ZERO", "TWO", "FIRST", "ALIKE"),
+            _in(_COLUMNS, "BETTER", "RIGHT", "ZERO", "TWO", "FIRST", "ALIKE", "NEAR"),
+        ),
+        "wrong-hand": Rule(
+            DATA, RATIO, "Points in a plane are left-handed where declared errors explain their mirror image.",
+            _in("data_checks.declared_errors", "CLEAR", "CLEARLY"),
         ),
         "rows-elsewhere": Rule(
             DATA, COUNT, "Rows that fit in another order, run or column are put there.",
@@ -231,8 +233,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "seen-before": Rule(SELECTION, "", "A renaming that leads back to an earlier model is not made."),
         "superfluous": Rule(
-            SELECTION, EVIDENCE, "A finding is taken out that is not clear beside later ones.",
-            _decided("DECISIVE_ODDS"),
+            SELECTION, EVIDENCE, "A finding that is not clear beside later ones is out.", _decided("DECISIVE_ODDS")
         ),
         "superfluous-by-cross-validation": Rule(
             SELECTION, ERRORS, "It stays where blocks of rows are predicted worse without it.", _decided("NO_WORSE")
@@ -279,8 +280,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _in("search.conditional_evidence", "MOST_EXAMINED"),
         ),
         "evidence-in-correlated-noise": Rule(
-            CONDITIONAL, EVIDENCE, "Their evidence is no more than it is in correlated noise.",
-            _decided("EVEN", "NOISE"),
+            CONDITIONAL, EVIDENCE, "Their evidence is no more than in correlated noise.", _decided("EVEN", "NOISE")
         ),
         # ---- witness channels
         "witness-supports": Rule(

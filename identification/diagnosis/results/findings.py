@@ -12,7 +12,6 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.conventions import Motion
 from errormodel.effects import registry
-from errormodel.effects.axis_blunder import AxisBlunder
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.constants import CHOSEN, CLEARLY, DECISIVE_ODDS, UNKNOWN
 from identification.diagnosis.decisions.log import DecisionLog, named
@@ -98,11 +97,6 @@ class Finding:
         """Whether it is a form without physics: its word names nothing."""
         kind = registry().get(self.effect)  # None: a finding that is no effect of a machine, such as outliers
         return kind is not None and kind.empirical
-
-    @property
-    def undecided(self) -> bool:
-        """Whether it is a mistake in one of several columns, of which the recording does not tell which."""
-        return self.effect == AxisBlunder.effect and bool(self.alternatives)
 
     def as_json(self) -> dict[str, Any]:
         out = asdict(self)

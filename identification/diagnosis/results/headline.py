@@ -13,9 +13,6 @@ VERDICTS = {
     "partly-explained": "{found}; something is left over that no finding explains.",
     "unexplained": "More than noise is left over, and no finding explains it.",
 }
-UNDECIDED = (
-    "{found}; which of these columns is wrong is not known, and the signs of squarenesses and tables depend on it."
-)
 FEW = "{found}; too few values were measured to say whether what is left is noise."
 MOST = 3  # findings by name
 
@@ -28,13 +25,12 @@ def headline(diagnosis: Diagnosis) -> str:
     if len(names) > MOST + 1:
         names[MOST:] = [f"{len(names) - MOST} more"]
     found = enumerated(names) or "Nothing was found"
-    undecided = any(f.undecided for f in diagnosis.findings)
     few = NOT_JUDGED in (diagnosis.unexplained or "")
-    text = UNDECIDED if undecided else FEW if few else VERDICTS[diagnosis.verdict]
+    text = FEW if few else VERDICTS[diagnosis.verdict]
     return text.format(found=found[:1].upper() + found[1:])
 
 
 def _named(finding: Finding) -> str:
     text = finding.brief or f"{finding.effect} at {finding.where}"
-    doubtful = finding.probability < SURE and not (finding.nameless or finding.undecided)
+    doubtful = finding.probability < SURE and not finding.nameless
     return f"{text} (the name is not sure)" if doubtful else text

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +10,6 @@ from identification.diagnosis.data_checks.blunder import listed
 from identification.diagnosis.decisions.constants import LEAST_P_VALUE, MISFIT_RATIO
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.row_residuals import spread, vectors
-from identification.diagnosis.results.findings import Finding
 from identification.diagnosis.results.pure_error import Repeats, repeats_of, whitened
 from identification.diagnosis.results.residual_dependence import Dependence
 from identification.diagnosis.results.wandering import wandering_text
@@ -106,16 +104,6 @@ def no_larger(dependence: Dependence | None, final: Fit) -> Dependence | None:
     if dependence is None or not final.fitted.n:
         return dependence
     return replace(dependence, size_um=min(dependence.size_um, _length(final)))
-
-
-def with_doubt(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
-    """The verdict where it is not known which column of a recording is wrong: then it is not all explained."""
-    doubts = [f"whether {f.brief}" for f in findings if f.undecided]
-    if not doubts:
-        return verdict
-    return replace(
-        verdict, word="partly-explained", unexplained="; ".join(filter(None, (verdict.unexplained, *doubts)))
-    )
 
 
 def _beside_repeats(repeats: Repeats) -> str:
