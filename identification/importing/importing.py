@@ -33,7 +33,7 @@ from identification.importing.nearest import find_pairing
 from identification.importing.other_orders import CURE
 from identification.importing.pairing import LOCATION_ERROR_MM, NEAREST, Pairs, middles, pair, points_of
 from identification.importing.partial import refuse_partial
-from identification.importing.proof import Proof, prove, refuse_unit, with_other_order
+from identification.importing.proof import Proof, prove, refuse_instead_of_target, refuse_unit, with_other_order
 from identification.importing.readings import ReadingFile, SetUps, join_readings, set_ups
 from identification.importing.roles import Kind
 from identification.importing.sources import SourceFile, Wishes, open_source
@@ -145,6 +145,8 @@ def import_files(
         for name, data in files.items():
             write_bytes_atomic(data, Path(folder) / name)
         survey = read_survey(Path(folder) / SURVEY_FILE, machine)
+    if any(len(own.targets) == 1 for own in pairs):
+        refuse_instead_of_target(machine, survey)
     try:
         proof = prove(machine, survey, any(p.averaged for p in pairs), len(points) > 0)
     except InputError as error:

@@ -16,9 +16,10 @@ from errormodel.effects.clock_offset import ClockOffset
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
-from errormodel.surveys.columns import MEASURED, ORIENTATION
-from identification.diagnosis.data_checks.blunder import FEWEST, OF_MACHINE, Blunder, Points, groups, misses, sheet
+from errormodel.surveys.columns import MEASURED, ORIENTATION, TOOL_COLUMNS
+from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, groups, misses, sheet
 from identification.diagnosis.data_checks.checks import find_blunders
+from identification.diagnosis.data_checks.columns import NEAR, wrong_column
 from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
 from identification.importing.axes_as_points import refuse_axes_as_points
 from identification.importing.exchanged_rows import CURE, FEWEST_PROVED, refuse_exchanged, refuse_few_exchanged
@@ -160,6 +161,22 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
     )  # fmt: skip
 
 
+def refuse_instead_of_target(machine: Machine, survey: Survey) -> None:
+    """InputError where columns of another sign or unit explain the points as well as a target beside the tool does."""
+    chain = Chain(machine)
+    table = survey.table.assign(**dict(zip(TOOL_COLUMNS, machine.tool, strict=True)))
+    found = wrong_column(chain, replace(survey, table=table))
+    if found is None or any(c.offset or c.column in TOOL_COLUMNS for c in found.changes):
+        return  # another zero of a column is the same as another place of the target
+    for rows in groups(survey):
+        displaced, right = (
+            Points.of(chain, sheet(chain, s.table.iloc[rows]), survey.frame == "fixed") for s in (survey, found.survey)
+        )
+        if right.misfit() / right.reach > NEAR * displaced.misfit() / displaced.reach:
+            return
+    raise InputError(_place(survey), f"{found.text}{misses(found)}{found.doubt}", _cure(found))
+
+
 def with_other_order(machine: Machine, survey: Survey, proof: Proof) -> Proof:
     """A proof that says whether another order of the readings fits as well, in any of the measuring frames."""
     chain, labels = Chain(machine), frame_labels(survey)
@@ -229,10 +246,13 @@ def _refuse_mistakes(machine: Machine, survey: Survey, parts: list[tuple[Index, 
         refuse_exchanged(parts, survey, FOREIGN)
         return
     text = "; and ".join(f"{b.text}{misses(b)}{b.doubt}" for b in found)
-    raise InputError(_place(survey), text, OF_MACHINE.capitalize() if found[0].of_machine else _cure(found[0].text))
+    raise InputError(_place(survey), text, _cure(found[0]))
 
 
-def _cure(text: str) -> str:
+def _cure(blunder: Blunder) -> str:
+    text = blunder.text
+    if blunder.open:
+        return f"{blunder.check[0].upper()}{blunder.check[1:]}"
     if "too late" in text or "too early" in text or "another order" in text:
         return CURE
     if DEGREES in text:

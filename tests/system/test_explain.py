@@ -114,7 +114,7 @@ def test_all_stages_stand_in_their_order(gantry: Path) -> None:
 @pytest.mark.long
 def test_mistakes_of_the_recording_are_found_by_checks(tmp_path: Path) -> None:
     table = simulate(MILL, 80, noise=0.002, seed=2)
-    table["X"] *= -1
+    table["X"] /= 25.4
     table.to_csv(tmp_path / "s.csv", index=False)
     done("diagnose", MILL, tmp_path / "s.csv", "--out", tmp_path / "d")
     assert "wrong-column: " in said(tmp_path / "d")

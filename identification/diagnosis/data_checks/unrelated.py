@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from errormodel.machine import Joint, Machine
 from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED
-from identification.diagnosis.data_checks.blunder import Points, Sheet, groups, sheet
+from identification.diagnosis.data_checks.blunder import Points, Sheet, groups, length, sheet
 from identification.diagnosis.data_checks.columns import (
     BETTER,
     TWO,
@@ -121,7 +122,9 @@ def refuse_unrelated(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED
                 f"rows in any order would leave {shuffled:.0f} mm"
             )
             cure = f"{OWN_COMMAND}, and that this is the machine. {ONLY_SERIAL}"
-            what, cure = _in_some_runs(chain, survey, rows) or (what, cure)
+            what, cure = (
+                _in_some_runs(chain, survey, rows) or _other_chain(chain.machine, columns, points) or (what, cure)
+            )
         raise InputError(f"{survey.table['file'].iloc[rows[0]]}, columns {' '.join(MEASURED)}", what, cure)
 
 
@@ -145,6 +148,29 @@ def _in_some_runs(chain: Chain, survey: Survey, rows: Index) -> tuple[str, str] 
     )
     said = f"{what}: there {mistake.text}" if mistake else what
     return said, f"Put the columns of run {', '.join(bad)} right, or leave these rows out"
+
+
+def _other_chain(machine: Machine, columns: Sheet, points: Points) -> tuple[str, str] | None:
+    """What is wrong, and the cure, where the points fit a chain with two of the joints exchanged."""
+    found = list[tuple[float, str]]()
+    places = [k for k, element in enumerate(machine.elements) if isinstance(element, Joint)]
+    for one, other in combinations(places, 2):
+        elements = list(machine.elements)
+        elements[one], elements[other] = elements[other], elements[one]
+        changed = replace(machine, elements=tuple(elements), effects=())  # of the nominal points alone
+        misfit = Points.of(Chain(changed), columns, points.fixed).misfit()
+        if misfit < points.largest:
+            found.append((misfit, f"{elements[other].name} and {elements[one].name}"))
+    if not found:
+        return None
+    found.sort()
+    pairs = " or ".join(names for _, names in found)
+    return (
+        f"measured points that lie {length(1e3 * points.misfit())} beside the machine, and {length(1e3 * found[0][0])} "
+        f"beside one whose joints {pairs} are exchanged in the chain",
+        "See in which order the joints carry each other, from the workpiece to the tool, and write them so in the "
+        "machine file",
+    )
 
 
 def _one_place(chain: Chain, survey: Survey, columns: Sheet, points: Points) -> tuple[str, str]:
