@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from errormodel.chain import Chain
 from errormodel.conventions import unit_of
 from errormodel.effects.base import Effect
+from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.machine_file import read_machine
 from errormodel.simulation import random_points

@@ -41,6 +41,7 @@ FIRST = 8  # of two mistakes, one is among so many that fit best alone
 SAMPLE = 150  # rows tell as much as all
 DEGREE = float(np.degrees(1.0))
 UNITS = (25.4, 1 / 25.4, 1e3, 1e-3)  # inch, and metre or micrometre
+UNIT_NAMES = {25.4: "inch", 1e3: "m", 1e-3: "um"}
 
 Changes = tuple[AxisBlunder, ...]
 
@@ -123,7 +124,12 @@ def change_text(changes: Changes, machine: Machine, fixed: bool, columns: Sheet)
         of_file = first.column in TOOL_COLUMNS and not has_own_tool(machine, columns)
         whose = "the machine file's" if of_file else "columns"
         text = same.text(machine).replace("column ", f"each of {whose} ", 1)
-        return f"{text}, or the lengths of the machine file divided by it" if all_lengths(changes) else text
+        if not all_lengths(changes):
+            return text
+        unit = (
+            f" (units: {{length: {UNIT_NAMES[first.factor]}}} in a survey.yaml)" if first.factor in UNIT_NAMES else ""
+        )
+        return f"{text}{unit}, or the lengths of the machine file divided by it"
     if more:
         return " and ".join(c.text(machine) for c in changes)
     return entry_text(machine, columns, mended(columns, changes), first)

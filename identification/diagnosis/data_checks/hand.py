@@ -17,13 +17,15 @@ from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points
 from identification.diagnosis.data_checks.columns import change_text, measured_reflections, mended
 from identification.diagnosis.data_checks.declared_errors import CLEAR, CLEARLY, left_by_declared
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
+from identification.observation.frames import MACHINE_ERROR_SHARE
 
 SAMPLE = 600  # rows tell as much as all
 
 
 def left_handed(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> Blunder | None:
     """Measured columns of another sign or order with which the declared errors leave clearly less, or None."""
-    if not _flat(chain, survey) or (as_written := left_by_declared(chain, survey)) is None:
+    extents = _extents(chain, survey)
+    if extents is None or (as_written := left_by_declared(chain, survey)) is None:
         return None
     ways = list(measured_reflections())
     left = [left_by_declared(chain, replace(survey, table=mended(survey.table, c))) for c in ways]
@@ -35,7 +37,7 @@ def left_handed(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> 
     if ratio < CLEAR or as_written[1] * np.log(ratio) < CLEARLY:
         log.add("wrong-hand", "passed", "columns", ratio, CLEAR)
         return None
-    changes = ways[k]
+    changes, on_a_line = ways[k], extents[1] < MACHINE_ERROR_SHARE * chain.size
     log.add("wrong-hand", "found", f"column {changes[0].column}", ratio, CLEAR)
     columns = sheet(chain, survey.table)
     said = change_text(changes, chain.machine, survey.frame == "fixed", columns)
@@ -45,23 +47,24 @@ def left_handed(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> 
         where=changes[0].where,
         driver=(changes[0].column,),
         changes=changes,
+        # beside a line a frame turns freely, and each column is another mirror
+        others=tuple(ways[n] for left, n in known if n != k and left < CLEAR * after) if on_a_line else (),
     )
 
 
-def _flat(chain: Chain, survey: Survey) -> bool:
-    """Whether the nominal points of each frame lie in a plane or on a line, and not all at one place."""
-    several = False
+def _extents(chain: Chain, survey: Survey) -> Array | None:
+    """Largest standard deviations (3,) mm of a frame's nominal points along their principal directions.
+
+    None where they lie in no plane, or all at one place.
+    """
+    largest = np.zeros(3)
     for rows in groups(survey):
         some = rows[:: -(-len(rows) // SAMPLE)]
         points = Points.of(chain, sheet(chain, survey.table.iloc[some]), fixed=True)
-        extents = _extents(points.nominal)
+        centred = points.nominal - points.nominal.mean(axis=0)
+        variances = np.linalg.eigvalsh(centred.T @ centred / len(points))[::-1]
+        extents = np.sqrt(np.maximum(variances, 0.0))
         if len(rows) < FEWEST or extents[2] > points.largest:
-            return False
-        several |= bool(extents[0] > points.largest)
-    return several
-
-
-def _extents(points: Array) -> Array:
-    """Standard deviations (3,) of points (n, 3) along their principal directions, the largest first."""
-    centred = points - points.mean(axis=0)
-    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(centred.T @ centred / len(points))[::-1], 0.0)))
+            return None
+        largest = np.maximum(largest, extents)
+    return largest if largest[0] > MACHINE_ERROR_SHARE * chain.size else None
