@@ -88,9 +88,10 @@ def wrong_column(chain: Chain, survey: Survey, *, two: bool = False, log: Decisi
     changes, *others = _likeliest(tries, columns, chain, survey)
     what = f"column {' '.join(dict.fromkeys(c.column for c in changes))}"
     log.add("wrong-column", "found", what, _least(tries), enough, beside=f"{before:.4g} as written")
-    texts = dict.fromkeys(change_text(c, chain.machine, fixed, columns) for c in (changes, *others))
+    text = "; or ".join(dict.fromkeys(change_text(c, chain.machine, fixed, columns) for c in (changes, *others)))
     return Blunder(
-        text="; or ".join(texts),
+        text=text,
+        cure=AxisBlunder.separate + (", or the machine file" if "machine file" in text else ""),
         survey=replace(survey, table=mended(survey.table, changes)),
         where=changes[0].where,
         driver=tuple(dict.fromkeys(c.column for c in changes)),

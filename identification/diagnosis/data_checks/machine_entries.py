@@ -16,6 +16,7 @@ from errormodel.machine import Joint, Machine, Shape
 from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS
 from identification.diagnosis.data_checks.blunder import Sheet
 
+WHOLE_TURN = 2 * np.pi * (1 - 1e-6)  # rad
 LEFT = 0.05  # of the positions: so many that leave the travels tell that the column was right
 
 
@@ -25,10 +26,15 @@ def has_own_tool(machine: Machine, columns: Sheet) -> bool:
     return any(name in columns and bool((columns[name] != value).any()) for name, value in pairs)
 
 
-def outside_travels(columns: Sheet, machine: Machine) -> float:
-    """Part of the positions that lie outside the travels, summed over the joints."""
+def outside_travels(columns: Sheet, machine: Machine, *, turning: bool = True) -> float:
+    """Part of the positions that lie outside the travels, summed over the joints; of joints that turn right round too.
+
+    Without `turning` a position of these is the same a whole turn further, and lies in their travel.
+    """
     total = 0.0
     for joint in machine.joints:
+        if not turning and joint.type == "rotary" and joint.travel[1] - joint.travel[0] > WHOLE_TURN:
+            continue
         q, slack = columns[joint.name], 0.01 * (joint.travel[1] - joint.travel[0])
         total += float(np.mean((q < joint.travel[0] - slack) | (q > joint.travel[1] + slack)))
     return total
@@ -36,7 +42,7 @@ def outside_travels(columns: Sheet, machine: Machine) -> float:
 
 def left_travels(machine: Machine, written: Sheet, right: Sheet) -> float:
     """Part of the positions that leave the travels where columns are put right; negative where they come into them."""
-    return outside_travels(right, machine) - outside_travels(written, machine)
+    return outside_travels(right, machine, turning=False) - outside_travels(written, machine)
 
 
 def of_machine(machine: Machine, written: Sheet, right: Sheet, changes: Sequence[AxisBlunder]) -> bool:
