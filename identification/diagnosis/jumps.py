@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -43,8 +43,8 @@ def _moment(linear: LinearModel, element: str, motion: str, near: float) -> floa
     """When one motion jumps, near the moment at which it does so in all motions of an element."""
     x = linear.channel(linear.scene.clock)
 
-    def left(edge: float) -> float:
-        return linear.square_with(jump_of(linear, element, motion, edge))
+    def left(edges: Sequence[float]) -> list[float]:
+        return linear.squares_with([jump_of(linear, element, motion, edge) for edge in edges])
 
     return moment_between(x, near - NEARBY * np.ptp(x), near + NEARBY * np.ptp(x), near, left)
 

@@ -29,12 +29,12 @@ def test_scale_is_recovered_and_many_columns_cost_nothing_where_there_is_nothing
     for size in (0.3, 1.0):
         y = columns.T @ rng.normal(0, size, 60) + rng.normal(size=900)
         left = y - basis @ (basis.T @ y)
-        ratio, evidence, noise = RandomEffects.of(columns, basis, left, 880).best()
+        ratio, evidence, noise = RandomEffects.of(columns, columns @ basis, left, 880).best()
         assert math.sqrt(ratio * noise) == pytest.approx(size, rel=0.25)
         assert noise == pytest.approx(1.0, rel=0.15)
         assert evidence > 50
     y = rng.normal(size=900)
-    assert RandomEffects.of(columns, basis, y - basis @ (basis.T @ y), 880).best()[1] < 2.0
+    assert RandomEffects.of(columns, columns @ basis, y - basis @ (basis.T @ y), 880).best()[1] < 2.0
 
 
 def test_curve_of_a_joint_is_fitted_and_returns_to_zero_where_nothing_was_measured() -> None:

@@ -166,7 +166,7 @@ def test_parameters_with_a_known_deviation() -> None:
 
 
 def test_deviations_of_no_columns() -> None:
-    assert RandomEffects.of(np.zeros((1, N)), np.zeros((N, 0)), np.ones(N), N).best()[1] == -np.inf
+    assert RandomEffects.of(np.zeros((1, N)), np.zeros((1, 0)), np.ones(N), N).best()[1] == -np.inf
 
 
 def test_evidence_in_noise_that_may_be_correlated() -> None:

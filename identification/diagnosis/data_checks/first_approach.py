@@ -164,5 +164,5 @@ def _left_beside(beside: LinearModel, sides: Mapping[str, Array]) -> tuple[float
     follows = np.zeros((6 * len(sides), beside.size))
     for k, (joint, side) in enumerate(sides.items()):
         follows[6 * k : 6 * k + 6, : len(beside.index)] = beside.levers[joint] * side[beside.index]
-    fitted = beside.with_columns(follows)
-    return fitted.square, int(fitted.basis.shape[1])
+    further = beside.beyond(follows)
+    return further.square, beside.basis.shape[1] + further.basis.shape[1]

@@ -53,6 +53,11 @@ class Latest:
             self._bytes -= self._kept.popitem(last=False)[1][1]
 
 
+def of_any_size(effect: Effect) -> Effect:
+    """The same one for all random effects that differ in their size only: these have the same columns."""
+    return effect.model_copy(update={"size": None}) if effect.random and "size" in vars(effect) else effect
+
+
 @dataclass(frozen=True)
 class Known:
     """What was made of one linear model, for all models that were made of it.

@@ -6,17 +6,17 @@ columns of M (with frames and tool) are projected out of every candidate (Frisch
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
-from errormodel.conventions import MOTIONS
+from errormodel.conventions import MOTIONS, Motion
 from errormodel.effects.base import Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
 from identification.diagnosis.linear.first_poses import FirstPoses
@@ -27,7 +27,28 @@ from identification.diagnosis.linear.survey_rows import SurveyRows
 
 T = TypeVar("T")
 UNSEEN = 1e-9  # of a column's length squared: less than this of it the basis has not spanned by rounding only
+AT_ONCE = 32  # effects whose columns are projected together: one by one each would read the whole basis
 ONCE_IS_ENOUGH = 0.1  # of a column's length: where as much is left, rounding errors of a projection are not larger
+
+
+class Further(NamedTuple):
+    """What further columns add to a linear model.
+
+    Attributes
+    ----------
+    basis : (N + ties, k) orthonormal, and to the model's basis; the last ties are those of the columns' parameters.
+    residual : (N + ties,) what it leaves.
+    hold : (ties,) weights of the equations that tie the columns' parameters to zero; free ones: (0,).
+    """
+
+    basis: Array
+    residual: Array
+    hold: Array
+
+    @property
+    def square(self) -> float:
+        """Residual sum of squares."""
+        return max(float(self.residual @ self.residual), EXACT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,11 +204,24 @@ class LinearModel:
         """Columns (k, N + ties) without what the basis spans."""
         return columns - (columns @ self.basis) @ self.basis.T
 
+    def left_of(self, effects: Sequence[Effect]) -> Iterator[Array]:
+        """Of the columns (k, N + ties) of each effect what the basis does not span."""
+        for first in range(0, len(effects), AT_ONCE):
+            columns = [self.columns(effect)[0] for effect in effects[first : first + AT_ONCE]]
+            yield from np.split(self.project(np.vstack(columns)), np.cumsum([len(own) for own in columns[:-1]]))
+
     def with_columns(self, columns: Array, hold: Array | None = None) -> LinearModel:
         """The linear model after further columns (k, N + ties) have been fitted; `hold` (k,) ties their parameters."""
-        return self._with_left(columns, columns @ self.basis, np.zeros(0) if hold is None else hold)
+        further = self.beyond(columns, hold)
+        if not further.basis.shape[1]:
+            return self
+        return replace(self, basis=self._beside(further.basis), residual=further.residual, lineage=None)
 
-    def _with_left(self, columns: Array, inner: Array, hold: Array) -> LinearModel:
+    def beyond(self, columns: Array, hold: Array | None = None) -> Further:
+        """What further columns (k, N + ties) add, of parameters that are tied to zero by `hold` (k,)."""
+        return self._further(columns, columns @ self.basis, np.zeros(0) if hold is None else hold)
+
+    def _further(self, columns: Array, inner: Array, hold: Array) -> Further:
         """The same, with the products (k, r) of the columns and the basis."""
         left, whole = columns - inner @ self.basis.T, np.linalg.norm(columns, axis=1)
         if (little := np.linalg.norm(left, axis=1) < ONCE_IS_ENOUGH * whole).any():
@@ -196,12 +230,12 @@ class LinearModel:
             left, whole = np.hstack([left, np.diag(hold)]), np.hypot(whole, hold)
         norms = np.linalg.norm(left, axis=1)
         keep = norms > LEFT * whole
-        if not (keep.any() or len(hold)):
-            return self
-        q = orthonormal_basis((left[keep] / norms[keep, None]).T)
         residual = np.append(self.residual, np.zeros(len(hold)))
+        if not keep.any():
+            return Further(np.zeros((len(residual), 0)), residual, hold)
+        q = orthonormal_basis((left[keep] / norms[keep, None]).T)
         residual -= q @ (q.T @ residual)
-        return replace(self, basis=self._beside(q), residual=residual, lineage=None)
+        return Further(q, residual, hold)
 
     def _beside(self, columns: Array) -> Array:
         """The basis and further columns (N + ties, k), of which the last ties may be new."""
@@ -210,22 +244,27 @@ class LinearModel:
         basis[:size, :rank], basis[size:, :rank], basis[:, rank:] = self.basis, 0.0, columns
         return basis
 
+    def further(self, effect: Effect) -> Further:
+        """What an effect adds to the model; made once, as a search returns to the same models."""
+        effects = () if self.lineage is None else (*self.lineage.effects, effect)
+        found: Further | None = None if self.lineage is None else self.lineage.known.further.find(effects)
+        if found is None:
+            columns, size = self.columns(effect)
+            inner, hold = columns @ self.basis, np.zeros(0)
+            if effect.random:
+                hold = self._hold(effect, columns, size, inner)
+            found = self._further(columns, inner, hold)
+            if self.lineage is not None:
+                self.lineage.known.further.keep(effects, found, sum(a.nbytes for a in found))
+        return found
+
     def with_effect(self, effect: Effect) -> LinearModel:
         """The linear model after an effect has been fitted."""
-        if self.lineage is None:
-            return self._extended(effect)
-        lineage = self.lineage.further(effect)
-        known: tuple[Array, Array, Array] | None = lineage.known.further.find(lineage.effects)
-        if known is not None:
-            return self._widened([known], lineage)
-        made = replace(self._extended(effect), lineage=lineage, plain=self.plain or self.basis.shape)
-        own = made.basis[:, self.basis.shape[1] :].copy(), made.residual, made.holds[-1]
-        lineage.known.further.keep(lineage.effects, own, sum(a.nbytes for a in own))
-        return made
+        return self._widened([self.further(effect)], self.lineage and self.lineage.further(effect))
 
     def with_effects(self, effects: Sequence[Effect]) -> LinearModel:
         """The linear model after some effects have been fitted, one after the other."""
-        known, lineage = list[tuple[Array, Array, Array]](), self.lineage
+        known, lineage = list[Further](), self.lineage
         for effect in effects if lineage is not None else ():
             assert lineage is not None
             further = lineage.further(effect)
@@ -233,24 +272,21 @@ class LinearModel:
                 break
             known.append(found)
             lineage = further
-        linear = self._widened(known, lineage) if known and lineage is not None else self
+        linear = self._widened(known, lineage) if known else self
         for effect in effects[len(known) :]:
             linear = linear.with_effect(effect)
         return linear
 
-    def _widened(self, known: Sequence[tuple[Array, Array, Array]], lineage: Lineage) -> LinearModel:
-        """The model with further columns (N + ties, k) of the basis, residuals and holds, those of one effect each.
-
-        The last ties of columns may be new.
-        """
-        plain, holds = self.plain or self.basis.shape, (*self.holds, *(hold for _, _, hold in known))
-        columns = np.zeros((len(known[-1][0]), sum(own.shape[1] for own, _, _ in known)))
+    def _widened(self, known: Sequence[Further], lineage: Lineage | None) -> LinearModel:
+        """The model with what some effects add, one after the other; ties of each may be new."""
+        plain, holds = self.plain or self.basis.shape, (*self.holds, *(own.hold for own in known))
+        columns = np.zeros((len(known[-1].basis), sum(own.basis.shape[1] for own in known)))
         at = 0
         for own, _, _ in known:
             columns[: len(own), at : at + own.shape[1]] = own
             at += own.shape[1]
         basis = self._beside(columns)
-        return replace(self, basis=basis, residual=known[-1][1], lineage=lineage, plain=plain, holds=holds)
+        return replace(self, basis=basis, residual=known[-1].residual, lineage=lineage, plain=plain, holds=holds)
 
     def branch(self) -> LinearModel:
         """The same for an independent search."""
@@ -273,42 +309,51 @@ class LinearModel:
         of_columns = self.lineage and replace(self.lineage, known=self.lineage.known.of_columns())
         return replace(self, residual=residual, lineage=of_columns)
 
-    def _extended(self, effect: Effect) -> LinearModel:
-        columns, size = self.columns(effect)
-        inner, hold = columns @ self.basis, np.zeros(0)
-        if effect.random:
-            hold = self._hold(effect, columns, size, inner)
-        return replace(self._with_left(columns, inner, hold), holds=(*self.holds, hold))
-
     def square_with(self, effect: Effect) -> float:
         """Residual sum of squares after an effect has been fitted: that of `with_effect`, without making it."""
-        if effect.random:
-            return self.with_effect(effect).square
-        if (known := self._known_columns(effect)) is not None or self.rows is None:
-            columns = (known or self._own_columns(effect))[0][:, : self.size]
+        return self.squares_with([effect])[0]
+
+    def squares_with(self, effects: Sequence[Effect]) -> list[float]:
+        """The same of several effects with as many parameters each, which differ in their shapes."""
+        if effects[0].random:
+            return [self.further(effect).square for effect in effects]
+        if self.rows is None or self._known_columns(effects[0]) is not None:
+            every = [(self._known_columns(effect) or self._own_columns(effect))[0] for effect in effects]
+            columns = np.vstack([own[:, : self.size] for own in every])
             inner = columns @ self.basis
-        else:  # not kept: it may be tried out once
-            terms = self.terms([effect])
+        else:  # not kept: they may be tried out once
+            terms = [term for effect in effects for term in self.terms([effect])]
             columns, inner = np.empty((len(terms), self.size)), self._along(terms)
             self.fill(terms, columns[None])
-        norms = np.linalg.norm(columns, axis=1)
-        scaled, inner = (own[norms > 0] / norms[norms > 0, None] for own in (columns, inner))
-        values, vectors = np.linalg.eigh(scaled @ scaled.T - inner @ inner.T)
-        kept = values > UNSEEN
-        slopes = vectors[:, kept].T @ (scaled @ self.residual)
-        return self.square - float(np.sum(slopes**2 / values[kept]))
+        slopes, count = columns @ self.residual, len(columns) // len(effects)
+        out = []
+        for first in range(0, len(columns), count):
+            own = slice(first, first + count)
+            norms = np.linalg.norm(columns[own], axis=1)
+            scaled, taken, slope = (v[own][norms > 0] for v in (columns, inner, slopes))
+            norms = norms[norms > 0]
+            gram = (scaled @ scaled.T - taken @ taken.T) / (norms[:, None] * norms)
+            values, vectors = np.linalg.eigh(gram)
+            kept = values > UNSEEN
+            along = vectors[:, kept].T @ (slope / norms)
+            out.append(self.square - float(np.sum(along**2 / values[kept])))
+        return out
 
     def _along(self, terms: Sequence[EffectTerm]) -> Array:
         """Products (k, r) of the columns of some terms with the basis, by its sums over what is seen in each row."""
         rows, kept, out = self.rows, self._summed, np.zeros((len(terms), self.basis.shape[1]))
         assert rows is not None
+        values = dict[tuple[str, Motion], list[tuple[int, Array]]]()
         for k, term in enumerate(terms):
             for motion, value in term.motion.items():
-                place = term.element, motion
-                if place not in kept:
-                    lever = self.levers[term.element][MOTIONS.index(motion)]
-                    kept[place] = np.asarray(rows.summed(lever, rows.gathered(self.basis[: len(lever)])), float)
-                out[k] += np.broadcast_to(value, len(kept[place])) @ kept[place]
+                values.setdefault((term.element, motion), []).append((k, np.asarray(value)))
+        for place, own in values.items():
+            element, motion = place
+            if place not in kept:
+                lever = self.levers[element][MOTIONS.index(motion)]
+                kept[place] = np.asarray(rows.summed(lever, rows.gathered(self.basis[: len(lever)])), float)
+            some = np.array([np.broadcast_to(value, len(kept[place])) for _, value in own])
+            out[[k for k, _ in own]] += some @ kept[place]
         return out
 
     @cached_property
@@ -318,7 +363,15 @@ class LinearModel:
 
     def random(self, columns: Array) -> RandomEffects:
         """Columns (k, N) or (k, N + ties) as those of random effects."""
-        return RandomEffects.of(columns, self.basis, self.residual, self.freedom)
+        inner = columns @ self.basis[: columns.shape[1]]
+        return RandomEffects.of(columns, inner, self.residual, self.freedom)
+
+    def random_beside(self, effect: Effect, columns: Array) -> RandomEffects:
+        """Columns (k, N) as those of random effects, given the model with an effect."""
+        further, seen = self.further(effect), columns.shape[1]
+        inner = np.hstack([columns @ self.basis[:seen], columns @ further.basis[:seen]])
+        freedom = self.freedom + len(further.hold) - further.basis.shape[1]
+        return RandomEffects.of(columns, inner, further.residual, freedom)
 
     def delta_chi2(self, after: LinearModel) -> float:
         """Decrease of the residual sum of squares in a larger model, in this model's noise variances."""
@@ -331,7 +384,8 @@ class LinearModel:
         """
         if not effect.random:
             return np.zeros(len(size))
-        random = RandomEffects.of(columns, self.basis, self.residual, self.freedom, inner)
+        inner = columns @ self.basis if inner is None else inner
+        random = RandomEffects.of(columns, inner, self.residual, self.freedom)
         return np.asarray(np.sqrt(random.noise(float(size[0]))) / size)
 
     def estimates(self, effects: Sequence[Effect]) -> tuple[Array, Array]:

@@ -36,19 +36,16 @@ class RandomEffects:
     freedom: int
 
     @classmethod
-    def of(
-        cls, columns: Array, basis: Array, residual: Array, freedom: int, inner: Array | None = None
-    ) -> RandomEffects:
-        """From columns (k, N), an orthonormal basis (N + ties, r) and the residual (N + ties,) that it leaves.
+    def of(cls, columns: Array, inner: Array, residual: Array, freedom: int) -> RandomEffects:
+        """From columns (k, N), and the residual (N + ties,) that an orthonormal basis leaves.
 
         Parameters
         ----------
-        inner : products (k, r) of the columns and the basis, where they are made already.
+        inner : products (k, r) of the columns and the basis.
         """
-        seen, gram = columns.shape[1], columns @ columns.T
-        inner = columns @ basis[:seen] if inner is None else inner
-        left, slopes = gram - inner @ inner.T, columns @ residual[:seen]
-        return cls.from_products(left, slopes, float(np.trace(gram)), max(float(residual @ residual), EXACT), freedom)
+        gram, slopes = columns @ columns.T, columns @ residual[: columns.shape[1]]
+        square = max(float(residual @ residual), EXACT)
+        return cls.from_products(gram - inner @ inner.T, slopes, float(np.trace(gram)), square, freedom)
 
     @classmethod
     def from_products(cls, gram: Array, slopes: Array, whole: float, square: float, freedom: int) -> RandomEffects:

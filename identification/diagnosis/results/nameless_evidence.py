@@ -9,7 +9,6 @@ import numpy as np
 
 from errormodel.arrays import Array
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.linear.random_effects import RandomEffects
 from identification.diagnosis.results.recorded_functions import Functions
 from identification.diagnosis.search.correlated_noise import random_evidence
 
@@ -36,7 +35,7 @@ def best_of(linear: LinearModel, functions: Sequence[Functions]) -> tuple[float,
     ranked = (sorted(scores, key=lambda s: -s[0] * s[1] ** power)[:MOST_FUNCTIONS] for power in (0.0, 0.5, 1.0))
     for k in sorted({k for own in ranked for _, _, k in own}):
         columns = functions[k].values.T
-        random = RandomEffects.of(columns, linear.basis, linear.residual, linear.freedom)
+        random = linear.random(columns)
         ratio, evidence, _ = random.best()
         if evidence > best[0]:
             best = evidence, random.square - float(random.left(ratio)), functions[k]

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import DTypeLike
 
 from errormodel.arrays import Array, Columns, Index, Mask
 from errormodel.effects.base import Effect
-from identification.diagnosis.search.blocks import Block, Vectors, products
+from identification.diagnosis.search.blocks import SINGLE, Block, Vectors, products
 
 
 @dataclass(frozen=True)
@@ -42,12 +41,10 @@ class AlikeBlocks:
         return cls(random, numbers, np.array([effects[n].empirical for n in numbers]), gram, slope, square, places)
 
 
-def products_of(
-    alike: Sequence[AlikeBlocks], blocks: Sequence[Block], vectors: Vectors, kind: DTypeLike
-) -> list[Columns]:
-    """Products (m, k, r) of the columns of each list of blocks with vectors (N, r), in some precision."""
+def products_of(alike: Sequence[AlikeBlocks], blocks: Sequence[Block], vectors: Vectors) -> list[Columns]:
+    """Products (m, k, r) of each list's columns with vectors (N, r): those of random effects in double precision."""
     place = {k: (n, rows) for n, own in enumerate(alike) for k, rows in own.places.items()}
-    out = [np.empty((*own.slope.shape, vectors.count), kind) for own in alike]
+    out = [np.empty((*own.slope.shape, vectors.count), float if own.random else SINGLE) for own in alike]
     for k, product in enumerate(products(blocks, vectors)):
         n, rows = place[k]
         out[n][rows] = product

@@ -18,13 +18,11 @@ from errormodel.arrays import Array, Mask
 from errormodel.effects.base import Effect
 from errormodel.effects.search_space.survey_summary import Scene
 from identification.diagnosis.decisions.constants import SIZES
-from identification.diagnosis.linear.known_models import MOST_BYTES, Latest, Lineage
+from identification.diagnosis.linear.known_models import Latest, Lineage
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.alike_blocks import AlikeBlocks
 from identification.diagnosis.search.blocks import (
-    COLUMNS,
     NOTHING,
-    SINGLE,
     Block,
     Kind,
     Made,
@@ -34,7 +32,7 @@ from identification.diagnosis.search.blocks import (
     gram_of,
     products,
 )
-from identification.diagnosis.search.known_products import MOST_SHARE, KnownProducts, begun_with, combined, keep_begun
+from identification.diagnosis.search.known_products import KnownProducts, begun_with, keep_begun, known_products
 from identification.diagnosis.search.marginal_likelihood import Scored, free_scores, random_scores
 from identification.diagnosis.search.proposals import proposed
 from identification.runtime.parallel import parallel_map
@@ -45,6 +43,7 @@ TIE = 0.1
 AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
 T = TypeVar("T")
 MANY, PARTS = 1000, 4  # proposals beyond which columns are made in parallel, in so many parts
+KNOWN_BYTES = 150_000_000  # of products with fitted effects: as many as an arm's model has; by judgement
 BEGUN_BYTES = 30_000_000  # of products of projected columns that other models begin with; by judgement
 KEPT = 48  # linear models whose scores are kept; by judgement: a search that begins anew returns to about as many
 WIDEST = 3 * max(SIZES)  # times the usual one: standard deviation of the prior of the final fit
@@ -65,7 +64,7 @@ class Candidates:
     keys: list[tuple[object, ...]] = field(default_factory=list)
     parts: tuple[Candidates, ...] = ()
     _known: OrderedDict[Lineage, Scored] = field(default_factory=OrderedDict, repr=False)
-    _products: list[KnownProducts] = field(default_factory=list, repr=False)  # the one that was last used
+    _products: Latest = field(default_factory=partial(Latest, KNOWN_BYTES), repr=False)
     _begun: Latest = field(default_factory=partial(Latest, BEGUN_BYTES), repr=False)
     _survey: list[tuple[Array, Array]] = field(default_factory=list, repr=False)  # none yet, or one
 
@@ -220,43 +219,40 @@ class Candidates:
         known, begun = begun_with(self._begun, linear.lineage) or ([alike.gram for alike in self._alike], 0)
         grams = [gram.copy() for gram in known]
         slopes = [np.empty_like(alike.slope) for alike in self._alike]
-        for n, rows, product in self._along(linear, begun):
-            taken = gram_of(product[..., :-1])
+        for n, rows, product, slope in self._along(linear, begun):
+            taken = gram_of(product)
             if not np.isfinite(taken).all():
                 raise FloatingPointError("products of design columns are not finite")
-            slopes[n][rows] = product[..., -1]
+            slopes[n][rows] = slope
             grams[n][rows] -= taken
         keep_begun(self._begun, linear.lineage, grams, linear.basis.shape[1] - self.blocks[0].rank)
         return list(zip(grams, slopes, strict=True))
 
-    def _along(self, linear: LinearModel, begun: int) -> Iterator[tuple[int, slice, Array]]:
-        """Products (m, k, r + 1) of columns with the basis from some column on, and with the residual.
+    def _along(self, linear: LinearModel, begun: int) -> Iterator[tuple[int, slice, Array, Array]]:
+        """Products (m, k, r) of columns with the basis from some column on, and (m, k) with the residual.
 
         They are of some proposals of a list of those alike, whose number comes first. Columns of the basis are counted
         from the end of the geometry.
         """
         (size, _), rank = linear.plain or linear.basis.shape, self.blocks[0].rank
-        # of few nothing is worth keeping; with many directions the products themselves are as quick, and take no memory
-        columns, further = sum(block.sizes.size for block in self.blocks), linear.basis.shape[1] - rank
-        if columns < linear.basis.shape[1] or further > min(MOST_SHARE * size, MOST_BYTES / (4 * columns)):
-            self._products.clear()
-            both = Vectors(np.column_stack([linear.basis[:size, rank + begun :], linear.residual[:size]]))
-            place = {k: (n, rows) for n, alike in enumerate(self._alike) for k, rows in alike.places.items()}
-            for k, own in enumerate(products(self.blocks, both)):
-                yield *place[k], own
+        if (known := self._known_products(linear, begun)) is not None:
+            for n, slopes in enumerate(known.slopes):
+                for rows, product in known.with_basis(n):
+                    yield n, rows, product[..., begun:].astype(float), slopes[rows]
             return
-        before = self._products[0] if self._products else KnownProducts.of(self._alike, size)
-        known, basis, residual = before.of_model(self._alike, self.blocks, linear)
-        self._products[:] = [known]
-        along = np.column_stack([basis[:, begun:], residual]).astype(SINGLE)
-        for n, parts in enumerate(known.products):
-            count, width, _ = parts[0].shape
-            most = max(COLUMNS // width, 1)
-            for first in range(0, count, most):
-                rows = slice(first, first + most)
-                with np.errstate(invalid="ignore"):  # OpenBLAS once raised it, which could not be brought about again
-                    product = combined(parts, rows, along)
-                yield n, rows, product.astype(float)
+        both = Vectors(np.column_stack([linear.basis[:size, rank + begun :], linear.residual[:size]]))
+        place = {k: (n, rows) for n, alike in enumerate(self._alike) for k, rows in alike.places.items()}
+        for k, own in enumerate(products(self.blocks, both)):
+            yield *place[k], own[..., :-1], own[..., -1]
+
+    def _known_products(self, linear: LinearModel, begun: int) -> KnownProducts | None:
+        """Those of the effects of a model, where they are less work than products with the basis from a column on."""
+        further = linear.basis.shape[1] - self.blocks[0].rank
+        columns, values = (sum(own) for own in zip(*((b.sizes.size, b.columns.size) for b in self.blocks), strict=True))
+        work = further**2 * (columns + linear.size)  # of triangular systems, and of products of the effects' columns
+        if linear.lineage is None or work > values * (further - begun) or 4 * columns * further > KNOWN_BYTES:
+            return None
+        return known_products(self._products, self._alike, self.blocks, linear)
 
 
 def _keep(kept: OrderedDict[Lineage, T], lineage: Lineage, value: T) -> None:

@@ -58,8 +58,7 @@ def likeliest_two(
 def _best_of_names(linear: LinearModel, candidates: Candidates, able: Sequence[int]) -> list[tuple[int, int]]:
     """The pair with most evidence (Schwarz) of each two names, those of the best names first."""
     columns, kept = list[Array](), list[int]()
-    for n in able:
-        left = linear.project(linear.columns(candidates.effects[n])[0])
+    for n, left in zip(able, linear.left_of([candidates.effects[n] for n in able]), strict=True):
         norms = np.linalg.norm(left, axis=1, keepdims=True)
         if (norms > NOTHING).all():
             columns.append(left / norms)

@@ -83,7 +83,7 @@ def discrepancy(linear: LinearModel, effect: Effect) -> tuple[float, float]:
     norms = np.linalg.norm(columns, axis=1)
     seen = norms > 0
     columns = columns[seen] / norms[seen, None] / np.sqrt(seen.sum())  # what no row shows takes nothing from the others
-    random = linear.with_effect(effect).random(columns)
+    random = linear.random_beside(effect, columns)
     size = float(np.linalg.norm(own.T @ values))
     if not len(random.values) or not size:
         return 0.0, 0.0

@@ -33,7 +33,7 @@ def best_pair(linear: LinearModel, effect: Effect, effects: Sequence[Effect]) ->
     ]
     if not effect.cause & set(type(effect).model_fields) or len(family) < 2:
         return None
-    columns = np.array([linear.project(linear.columns(e)[0]) for e in family])
+    columns = np.array(list(linear.left_of(family)))
     m, k, _ = columns.shape
     norms = np.linalg.norm(columns, axis=2, keepdims=True)
     flat = (columns / np.where(norms > 0, norms, 1.0)).reshape(m * k, -1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -151,14 +151,18 @@ def optimised(linear: LinearModel, proposal: Effect, family: Sequence[Effect], e
         lowest, highest = type(effect).bounds(name)
         below, above = max(below, lowest), min(above, highest)
 
-        def left(x: float, name: str = name, effect: Effect = effect) -> float:
-            return linear.square_with(effect.model_copy(update={name: float(x)}))
+        def left(x: Iterable[float], name: str = name, effect: Effect = effect) -> list[float]:
+            return linear.squares_with([effect.model_copy(update={name: float(v)}) for v in x])
 
         if kind.sudden:
             best = moment_between(linear.channel(effect.drivers[0]), below, above, value, left)
         else:
-            best = float(minimize_scalar(left, bounds=(below, above), method="bounded", options={"maxiter": 20}).x)
-        if left(best) < left(value):
+            found = minimize_scalar(
+                lambda x, left=left: left([x])[0], bounds=(below, above), method="bounded", options={"maxiter": 20}
+            )
+            best = float(found.x)
+        at_best, at_value = left([best, value])
+        if at_best < at_value:
             effect = effect.model_copy(update={name: best})
     step = scored(linear, effect, len(family))
     if step is None or evidence > step.evidence_of_textbook + np.log(len(family)) + ROUNDED:
@@ -189,7 +193,8 @@ def _not_settled(linear: LinearModel, step: Step, family: Sequence[Effect]) -> S
     def left(x: Array) -> float:
         return linear.square_with(at(x))
 
-    first = min((np.array([tau, part]) for tau in logs for part in FIRST_STATES), key=left)
+    begun = [np.array([tau, part]) for tau in logs for part in FIRST_STATES]
+    first = begun[int(np.argmin(linear.squares_with([at(x) for x in begun])))]
     corners = first + np.array([[0.0, 0.0], [-0.5 if first[0] > logs[0] else 0.5, 0.0], [0.0, 0.2]])
     found = minimize(
         left,
@@ -202,7 +207,9 @@ def _not_settled(linear: LinearModel, step: Step, family: Sequence[Effect]) -> S
     return other if other is not None and other.evidence_of_textbook > step.evidence_of_textbook else step
 
 
-def moment_between(x: Array, below: float, above: float, value: float, left: Callable[[float], float]) -> float:
+def moment_between(
+    x: Array, below: float, above: float, value: float, left: Callable[[Sequence[float]], list[float]]
+) -> float:
     """Of the places between two neighbouring values of a channel within bounds, the one where least is `left`.
 
     Of many, first of every so many; then of all between the best of these and its neighbours.
@@ -212,7 +219,7 @@ def moment_between(x: Array, below: float, above: float, value: float, left: Cal
     while len(places := places[(places > below) & (places < above)]):
         every = -(-len(places) // MOMENTS)
         some = places[::every]
-        value = float(some[int(np.argmin([left(float(p)) for p in some]))])
+        value = float(some[int(np.argmin(left(some.tolist())))])
         if every == 1:
             break
         n = int(np.searchsorted(places, value))

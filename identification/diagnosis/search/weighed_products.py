@@ -15,6 +15,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 from errormodel.effects.base import Effect
+from identification.diagnosis.linear.known_models import of_any_size
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.orthonormal_basis import LEFT
 from identification.estimation.noise import Noise, series_edges
@@ -59,8 +60,7 @@ class WeighedProducts:
         """A short name of an effect; random effects of another size have the same columns."""
         numbers = self._known.numbers
         if effect not in numbers:
-            alike = effect.model_copy(update={"size": None}) if effect.random and "size" in vars(effect) else effect
-            numbers[effect] = numbers.setdefault(alike, len(numbers) + 1)
+            numbers[effect] = numbers.setdefault(of_any_size(effect), len(numbers) + 1)
         self._effects[numbers[effect]] = effect
         return numbers[effect]
 
