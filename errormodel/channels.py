@@ -179,8 +179,11 @@ def clocks(table: pd.DataFrame, name: str) -> Index:
     """Label of the clock of each row: one of all files, one per file, or one per run.
 
     Files and runs may share a clock, or each may start at zero. Where the time goes back, the column decides: the clock
-    is common if the column is a smooth function of the common time, else each file, or each run of it, has its own.
+    is common if the column is a smooth function of the common time, else each file, or each run of it, has its own. A
+    table may hold the labels of a column already (`clock_name`).
     """
+    if clock_name(name) in table:
+        return table[clock_name(name)].to_numpy()
     time, values = table["time"].to_numpy(dtype=np.float64), table[name].to_numpy(dtype=np.float64)
     out = np.zeros(len(table), dtype=np.intp)
     for part in (["file"], ["file", "run"]):
@@ -190,6 +193,11 @@ def clocks(table: pd.DataFrame, name: str) -> Index:
                 if _own_clocks(time[rows], values[rows], labels[rows]):
                     out[rows] = out.max() + 1 + labels[rows]
     return out
+
+
+def clock_name(name: str) -> str:
+    """Of the column of a table that holds the clocks of another one."""
+    return f"clock({name})"
 
 
 def check_one_temperature(table: pd.DataFrame, names: Iterable[str]) -> None:

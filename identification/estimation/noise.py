@@ -16,6 +16,7 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from identification.estimation.least_squares import Solution
+from identification.estimation.orthonormal_basis import orthonormal_basis
 from identification.observation.assembly import Problem
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import design_rows, view_vector
@@ -147,12 +148,13 @@ def likeliest(residual: Array, design: Array, edges: Index) -> tuple[Noise | Non
     """Noise model of the residual (N,) after a fit of the columns `design` (p, N), None for white; and its variance.
 
     Restricted likelihood accounts for the slowly varying part of the noise that the fitted parameters have absorbed.
+    Columns are of about unit length; those that repeat others count once.
     """
-    free = len(residual) - len(design)
-    square = float(residual @ residual)
-    best, least, variance = None, np.inf, square / free
     # orthonormal columns stay well conditioned behind a filter: their products will do
-    both = np.vstack([np.linalg.qr(design.T)[0].T, residual])
+    basis = orthonormal_basis(design.T)
+    free, square = len(residual) - basis.shape[1], float(residual @ residual)
+    best, least, variance = None, np.inf, square / free
+    both = np.vstack([basis.T, residual])
     for noise in (None, *noises()):
         white = both if noise is None else noise.whitened(both, edges)
         triangle = np.diag(np.linalg.cholesky(white @ white.T))

@@ -10,8 +10,8 @@ import numpy as np
 
 from errormodel.conventions import FRAME
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.estimation.noise import Noise
+from identification.estimation.orthonormal_basis import orthonormal_basis
 from tests.helpers.chains import Array
 from tests.helpers.correlated_noise import drawn
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.results.untestable import unconsidered, unseen
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import MANY, Candidates
+from identification.diagnosis.search.proposals import proposed
 from identification.estimation.fit import fit_machine
 from tests.helpers.diagnosed import empty_survey, showing
 
@@ -170,6 +172,20 @@ def test_what_an_effect_would_leave_is_what_it_leaves() -> None:
     linear = set_up(fit_machine(machine, read_survey(GANTRY / "survey.csv", machine)))
     for effect in Candidates.of(linear).effects[::97]:
         assert linear.square_with(effect) == pytest.approx(linear.with_effect(effect).square, rel=1e-7)
+
+
+@pytest.mark.parametrize("name", ["pitch-cyclic", "structure-drift", "higher-order-geometry"])
+def test_several_shapes_leave_what_each_leaves(name: str) -> None:
+    """So do random effects beside one of them."""
+    machine = read_machine(GANTRY)
+    linear = set_up(fit_machine(machine, read_survey(GANTRY / "survey.csv", machine)))
+    lists = ([*own] for _, own in groupby(proposed(linear), lambda e: e.key))
+    effects = max((own for own in lists if own[0].effect == name), key=len)[:4]
+    alone = [linear.with_effect(effect) for effect in effects]
+    assert linear.squares_with(effects) == pytest.approx([model.square for model in alone], rel=1e-7)
+    columns = np.random.default_rng(0).normal(size=(3, len(linear.index)))
+    for effect, model in zip(effects, alone, strict=True):
+        assert linear.random_beside(effect, columns).best() == pytest.approx(model.random(columns).best(), rel=1e-7)
 
 
 def test_a_column_that_depends_on_others_takes_nothing_of_later_ones() -> None:

@@ -36,6 +36,14 @@ def test_white_noise_is_taken_as_white_and_correlated_noise_is_recognised() -> N
         assert truth.length / 3.5 < np.median(lengths) < truth.length * 3.5
 
 
+def test_columns_that_repeat_others_count_once() -> None:
+    rng = np.random.default_rng(6)
+    some, residual = rng.normal(size=(3, 600)), drawn(Noise(20.0, 0.4), rng)
+    once, again = (likeliest(residual, own, EDGES) for own in (some, some[[0, 1, 2, 1, 1]]))
+    assert again[0] == once[0]
+    assert again[1] == pytest.approx(once[1], rel=1e-12)
+
+
 @pytest.mark.parametrize("noise", [Noise(2.0, 0.1), Noise(60.0, 1.5)])
 def test_weighing_is_whitening_both_sides(noise: Noise) -> None:
     """Each series by itself; values behind the last edge stay as they are."""

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from identification.diagnosis.linear.orthonormal_basis import MANY, orthonormal_basis
+from identification.estimation.orthonormal_basis import MANY, orthonormal_basis
 
 
 @given(seed=st.integers(0, 10_000), rank=st.integers(1, 8), dependent=st.integers(0, 5))

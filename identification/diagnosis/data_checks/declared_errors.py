@@ -14,7 +14,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.survey import Survey
-from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
+from identification.estimation.orthonormal_basis import orthonormal_basis
 from identification.observation.assembly import Problem, build
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import design_rows

@@ -16,7 +16,7 @@ from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 from errormodel.surveys.columns import MEASURED
 from identification.diagnosis.data_checks.declared_errors import CLEARLY, DeclaredErrors
-from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
+from identification.estimation.orthonormal_basis import orthonormal_basis
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
 from identification.observation.open_signs import at_one_place

@@ -26,8 +26,8 @@ from errormodel.surveys.observations import groups
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder
 from identification.diagnosis.decisions.constants import DECISIVE_ODDS
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
-from identification.diagnosis.linear.orthonormal_basis import LEFT, orthonormal_basis
 from identification.estimation.least_squares import Solution, solve
+from identification.estimation.orthonormal_basis import LEFT, orthonormal_basis
 from identification.observation.assembly import Problem, build
 from identification.observation.models import OrientationView, PositionView, View
 from identification.observation.normal_equations import design_rows, sampled

@@ -21,9 +21,9 @@ from errormodel.effects.base import Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
 from identification.diagnosis.linear.first_poses import FirstPoses
 from identification.diagnosis.linear.known_models import Lineage
-from identification.diagnosis.linear.orthonormal_basis import LEFT, orthonormal_basis
 from identification.diagnosis.linear.random_effects import EXACT, RandomEffects, principal
 from identification.diagnosis.linear.survey_rows import SurveyRows
+from identification.estimation.orthonormal_basis import LEFT, orthonormal_basis
 
 T = TypeVar("T")
 UNSEEN = 1e-9  # of a column's length squared: less than this of it the basis has not spanned by rounding only
@@ -217,12 +217,9 @@ class LinearModel:
             return self
         return replace(self, basis=self._beside(further.basis), residual=further.residual, lineage=None)
 
-    def beyond(self, columns: Array, hold: Array | None = None) -> Further:
-        """What further columns (k, N + ties) add, of parameters that are tied to zero by `hold` (k,)."""
-        return self._further(columns, columns @ self.basis, np.zeros(0) if hold is None else hold)
-
-    def _further(self, columns: Array, inner: Array, hold: Array) -> Further:
-        """The same, with the products (k, r) of the columns and the basis."""
+    def beyond(self, columns: Array, hold: Array | None = None, inner: Array | None = None) -> Further:
+        """What columns (k, N + ties) add, tied by `hold` (k,); `inner` (k, r): their products with the basis."""
+        hold, inner = np.zeros(0) if hold is None else hold, columns @ self.basis if inner is None else inner
         left, whole = columns - inner @ self.basis.T, np.linalg.norm(columns, axis=1)
         if (little := np.linalg.norm(left, axis=1) < ONCE_IS_ENOUGH * whole).any():
             left[little] = self.project(left[little])
@@ -250,10 +247,9 @@ class LinearModel:
         found: Further | None = None if self.lineage is None else self.lineage.known.further.find(effects)
         if found is None:
             columns, size = self.columns(effect)
-            inner, hold = columns @ self.basis, np.zeros(0)
-            if effect.random:
-                hold = self._hold(effect, columns, size, inner)
-            found = self._further(columns, inner, hold)
+            inner = columns @ self.basis
+            hold = self._hold(effect, columns, size, inner) if effect.random else None
+            found = self.beyond(columns, hold, inner)
             if self.lineage is not None:
                 self.lineage.known.further.keep(effects, found, sum(a.nbytes for a in found))
         return found

@@ -17,11 +17,11 @@ from identification.diagnosis.data_checks.temperature_sensors import dead_sensor
 from identification.diagnosis.linear.first_poses import FirstPoses
 from identification.diagnosis.linear.known_models import Lineage
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.linear.row_channels import LazyChannels, RowChannels, runs_of
 from identification.diagnosis.linear.row_residuals import noise_mm
 from identification.diagnosis.linear.survey_rows import SurveyRows
 from identification.estimation.noise import RESIDUAL_ROUND_OFF_SHARE
+from identification.estimation.orthonormal_basis import orthonormal_basis
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import design_rows, view_vector

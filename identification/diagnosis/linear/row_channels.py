@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from errormodel.arrays import Array, Index, Mask
-from errormodel.channels import POINT_CHANNELS, columns, root
+from errormodel.channels import POINT_CHANNELS, clock_name, clocks, columns, root
 from errormodel.survey import Survey
 
 
@@ -28,12 +28,16 @@ class RowChannels(dict[str, Array]):
         super().__init__(zip(POINT_CHANNELS, points, strict=True))
         # labels as numbers: channels that follow files and runs ask for them again and again
         labels = {name: survey.table[name].astype("category") for name in ("file", "run") if name in survey.table}
-        self._table = survey.table.assign(**labels)
+        self._table, self._clocks = survey.table.assign(**labels), set[str]()
 
     def __missing__(self, name: str) -> Array:
         side = f"dir_{root(name)}"
         if name.startswith("play(") and side not in self:  # what every width of it asks for
             self._table = self._table.assign(**{side: self[side]})
+        sensor = root(name)
+        if name.startswith(("lag(", "initial(")) and {sensor, "time"} <= {*self._table} and sensor not in self._clocks:
+            self._clocks.add(sensor)  # what every lag of it asks for
+            self._table = self._table.assign(**{clock_name(sensor): clocks(self._table, sensor)})
         (values,) = columns(self._table, [name])
         if name == root(name):
             self[name] = values

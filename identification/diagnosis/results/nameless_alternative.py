@@ -27,6 +27,7 @@ from identification.diagnosis.decisions.constants import (
     NEAR,
 )
 from identification.diagnosis.decisions.log import DecisionLog
+from identification.diagnosis.linear.known_models import of_any_size
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.findings import Alternative, Finding, probabilities_of, probability_of
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
@@ -108,7 +109,7 @@ def with_names_again(model: EffectModel, log: DecisionLog) -> EffectModel:
 
     Under correlated noise, too, which explains a part of what a form explained. A name that is refused is none, and no
     alternative; a form that leads it comes back in its place. Where no name is likelier than all others, nothing is
-    named.
+    named. No name is there twice.
     """
     for k in range(len(model.findings)):
         model = _without_refused(model, k, log)
@@ -123,7 +124,17 @@ def with_names_again(model: EffectModel, log: DecisionLog) -> EffectModel:
                 model = other
                 break
             model = _with_group(model, k, [_without_name(main, name), *model.findings[k][1:]])
-    return model
+    return _each_once(model)
+
+
+def _each_once(model: EffectModel) -> EffectModel:
+    """The model with findings that have got the name, place and drivers of another one as terms that refine that."""
+    groups = dict[object, list[Step]]()
+    for group in model.findings:
+        own = groups.setdefault(group[0].effect.key, [])
+        there = {of_any_size(s.effect) for s in own}
+        own += [s for s in group if of_any_size(s.effect) not in there]
+    return model if len(groups) == len(model.findings) else of_groups(model.start, list(groups.values()))
 
 
 def _refused(model: EffectModel, number: int, log: DecisionLog) -> str | None:

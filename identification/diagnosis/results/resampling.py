@@ -10,7 +10,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Mask
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
+from identification.estimation.orthonormal_basis import orthonormal_basis
 
 FEWEST_ROWS, MOST_ROWS = 40, 800  # rows below which nothing is tested, and above which they are thinned out
 QUICK_RESAMPLES = 39  # of each kind, from which the tail beyond is extrapolated

@@ -24,7 +24,6 @@ from errormodel.conventions import FRAME, MOTIONS
 from identification.diagnosis.decisions.constants import LEAST_P_VALUE, LEAST_SHARE
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.results.combined_waves import Wave
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.non_repeatable_motion import NonRepeatable, non_repeatable_motion
@@ -32,6 +31,7 @@ from identification.diagnosis.results.recorded_functions import CLOCK, ROW, Func
 from identification.diagnosis.results.resampling import QUICK_RESAMPLES, clipped, gumbel, left, shifted, signed, thinned
 from identification.diagnosis.search.criteria import heldout_rms
 from identification.estimation.noise import Noise, likeliest, series_edges
+from identification.estimation.orthonormal_basis import orthonormal_basis
 
 AT_ONCE = 1000  # functions whose statistics are kept at a time
 RESAMPLES = 199  # of each kind; the tail beyond is extrapolated

@@ -8,7 +8,7 @@ from errormodel.arrays import Array
 from errormodel.channels import root
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
+from identification.estimation.orthonormal_basis import orthonormal_basis
 
 
 def moves(linear: LinearModel, effect: Effect) -> frozenset[tuple[str, str]]:

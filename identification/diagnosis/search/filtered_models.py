@@ -11,10 +11,10 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.linear.orthonormal_basis import APART
 from identification.diagnosis.linear.random_effects import EXACT
 from identification.diagnosis.search.weighed_products import GEOMETRY, WeighedProducts
 from identification.estimation.noise import Noise, series_edges
+from identification.estimation.orthonormal_basis import APART
 
 ROUNDED = 1e-11  # of a column's length squared: as much is rounding
 

@@ -16,9 +16,9 @@ from errormodel.arrays import Array, Columns
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.known_models import Latest, Lineage, of_any_size
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.linear.orthonormal_basis import LEFT
 from identification.diagnosis.search.alike_blocks import AlikeBlocks, products_of
 from identification.diagnosis.search.blocks import COLUMNS, SINGLE, Block, Vectors
+from identification.estimation.orthonormal_basis import LEFT
 
 # of a column's length, left by those before it: below, products in single precision do not tell what is left of others
 APART = 1e-3

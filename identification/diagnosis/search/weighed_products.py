@@ -17,8 +17,8 @@ from errormodel.arrays import Array, Index
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.known_models import of_any_size
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.linear.orthonormal_basis import LEFT
 from identification.estimation.noise import Noise, series_edges
+from identification.estimation.orthonormal_basis import LEFT
 
 GEOMETRY = 0  # its number; effects have those from 1 on
 
