@@ -6,7 +6,7 @@ is small, so that the right table fits to a fraction of what a wrong one does.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -235,7 +235,7 @@ def _likeliest(tries: list[tuple[float, Changes]], columns: Sheet, chain: Chain,
     return sorted(alike, key=lambda c: not _mirrors_measured(c))
 
 
-def told_apart(chain: Chain, survey: Survey, ways: list[Changes]) -> list[Changes]:
+def told_apart(chain: Chain, survey: Survey, ways: Sequence[Changes]) -> list[Changes]:
     """Those of some changes with which the machine's declared errors leave clearly less than with others."""
     left = [left_by_declared(chain, replace(survey, table=mended(survey.table, c))) for c in ways]
     known = [deviation for found in left if found is not None for deviation in found[:1]]

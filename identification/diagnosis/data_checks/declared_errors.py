@@ -59,7 +59,7 @@ class DeclaredErrors:
     @property
     def freedom(self) -> int:
         """Components less the errors that they determine."""
-        return len(self.basis) - self.basis.shape[1]
+        return int(len(self.basis) - self.basis.shape[1])
 
     @property
     def left(self) -> float:
