@@ -229,7 +229,9 @@ def _likeliest(tries: list[tuple[float, Changes]], columns: Sheet, chain: Chain,
     outside = [round(outside_after(columns, c, chain.machine, axes=not mirrored), 1) for _, c in near]
     inside = [t for t, out in zip(near, outside, strict=True) if out == min(outside)]
     alike = [c for misfit, c in inside if misfit <= ALIKE * _least(inside) + 1e-8]
-    of_joints: list[Changes] = [c for _, c in inside if len(c) == 1 and c[0].factor == -1 and c[0].column not in MEASURED]
+    of_joints: list[Changes] = [
+        c for _, c in inside if len(c) == 1 and c[0].factor == -1 and c[0].column not in MEASURED
+    ]
     if len(of_joints) > 1 and all(c in of_joints for c in alike):
         alike = told_apart(chain, survey, of_joints) or alike
     return sorted(alike, key=lambda c: not _mirrors_measured(c))
