@@ -144,7 +144,8 @@ def optimised(linear: LinearModel, proposal: Effect, family: Sequence[Effect], e
         value = getattr(effect, name) if kind.searched else None
         if not isinstance(value, float) or value == 0:
             continue
-        grid = sorted({float(getattr(e, name)) for e in family})
+        # of two waves at once only one may change at an edge
+        grid = sorted({x for e in family if isinstance(x := getattr(e, name), float)})
         edge = 0.3 * abs(value)
         below = max((g for g in grid if g < value and g != 0), default=value - edge)
         above = min((g for g in grid if g > value and g != 0), default=value + edge)
