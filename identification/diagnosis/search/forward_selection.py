@@ -32,8 +32,8 @@ from identification.diagnosis.search.model import (
 from identification.diagnosis.search.refinement import (
     could_refine,
     forms,
-    further_causes,
     left_over,
+    other_causes,
     refined,
     refinement_of,
 )
@@ -180,8 +180,8 @@ def _with_refinement(
     log.add(rule, "merged", best.effect, value, least, beside=model.steps[own].effect)
     tries = [replace(best, parent=own)]
     enough = max(LEAST_EVIDENCE, MUCH * best.evidence)
-    main, causes = model.steps[own].effect, base_channels(best.effect)
-    able = [s for s in steps if s is not best and s.evidence > enough and further_causes(main, s.effect) <= causes]
+    causes = base_channels(best.effect)
+    able = [s for s in steps if s is not best and s.evidence > enough and other_causes(model, own, s.effect) <= causes]
     for s in [s for s in able if refined(model, s) == own][:MOST_COMPETING]:
         log.add("competing-refinement", "examined", s.effect, s.evidence, enough, beside=best.effect)
         tries.append(replace(s, parent=own))

@@ -208,13 +208,19 @@ def distinct(one: Effect, other: Effect) -> bool:
 def could_refine(model: EffectModel, steps: Sequence[Step], best: Step) -> list[Step]:
     """Refinements of findings with nearly the best evidence, where the best may be their discrepancy as well."""
     could = [(s, refined(model, s)) for s in steps if s.evidence > (1 - MUCH) * best.evidence]
-    of_its_causes = [(s, k) for s, k in could if k is not None and not further_causes(model.steps[k].effect, s.effect)]
+    of_its_causes = [(s, k) for s, k in could if k is not None and not other_causes(model, k, s.effect)]
     return [s for s, k in of_its_causes if is_departure(model, k, best.effect)]
 
 
 def further_causes(one: Effect, other: Effect) -> frozenset[str]:
     """Channels that drive another effect, and neither drive the one nor are its joint."""
     return base_channels(other) - base_channels(one) - {one.where}
+
+
+def other_causes(model: EffectModel, number: int, effect: Effect) -> frozenset[str]:
+    """The same of a finding but for positions of joints: what drives a finding may do so less at one end of another."""
+    joints = {joint.name for joint in model.start.scene.moving}
+    return further_causes(model.steps[number].effect, effect) - joints
 
 
 def left_over(model: EffectModel, step: Step) -> int | None:
