@@ -69,7 +69,8 @@ class GantryRacking(JointEffect):
             value = scaled(joint_as(machine, self.channel, "prismatic", self.effect), value)
         out = [EffectTerm(self.joint, "", unit, {self.motion: value}, size)]
         if self.channel.startswith("w_"):
-            out.append(EffectTerm(self.joint, "along", unit.replace("rad", "mm"), along(joint, value), PIVOT * size))
+            per = f"mm{unit.removeprefix('rad')}"
+            out.append(EffectTerm(self.joint, "along", per, along(joint, value), PIVOT * size))
         if self.by:
             aside = scaled(joint_as(machine, self.by, "prismatic", self.effect), channel(self.by))
             out.append(EffectTerm(self.joint, "aside", unit, {self.motion: value * aside}, size))

@@ -31,7 +31,8 @@ def evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tu
 
 
 def _evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tuple[float, float]]:
-    sizes = [np.concatenate([linear.columns(e)[1] for e in group]) for group in groups]  # usual ones
+    usual = [[linear.columns(e)[1] for e in group] for group in groups]
+    sizes, counts = [np.concatenate(own) for own in usual], [[*map(len, own)] for own in usual]
     ends = np.cumsum([0, *map(len, sizes)]).tolist()
     mains = [main for main, *_ in groups]
     changing = [main.changing(linear.scene) for main in mains]
@@ -50,8 +51,8 @@ def _evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[t
             gram[undefined], slope[undefined], square[undefined] = 0.0, 0.0, 0.0
             square = np.maximum(square, NOTHING)
             if together > 1 and not random:
-                counts = [[len(linear.columns(e)[1]) for e in groups[k]] for k in some]
-                gains[some] = [joint_evidence(filtered, *own) for own in zip(gram, slope, counts, strict=True)]
+                each = zip(gram, slope, (counts[k] for k in some), strict=True)
+                gains[some] = [joint_evidence(filtered, *own) for own in each]
             elif random:
                 gains[some] = random_scores(filtered, gram, slope, square)[0]
             else:

@@ -88,9 +88,8 @@ def joint_evidence(noise: Left, gram: Array, slope: Array, counts: Sequence[int]
     ridge = variance * float(_left(noise, delta_chi2)[0])
     sizes, weights = np.array([*SIZES]), np.log([*SIZES.values()])
     owner, likeliest = np.repeat(np.arange(len(counts)), counts), np.ones(len(counts))
-    definite = gram + np.diag(
-        ROUNDED * np.diag(gram)
-    )  # readings without noise leave columns that are alike to rounding
+    # readings without noise leave columns that are alike to rounding
+    definite = gram + np.diag(ROUNDED * np.diag(gram))
 
     def of_sizes(k: int) -> Array:
         """Evidence for each size of one effect, beside the likeliest of the others."""
