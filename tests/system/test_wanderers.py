@@ -65,9 +65,7 @@ def test_a_finding_beside_something_larger_that_wanders_stays() -> None:
     assert [s.effect for s in left.steps] == [found]
 
 
-@pytest.mark.xfail(strict=True, reason="two names of one joint, tried in the place of a curve, explain as much")
-@pytest.mark.long
-@pytest.mark.parametrize("seed", [3, 5])
+@pytest.mark.parametrize("seed", first_of([3, 5]))
 def test_what_the_travel_leaves_behind_is_no_curve_of_it(seed: int) -> None:
     """A state that the ends of strokes set, of 8 um in one direction: no curve of the position is its cause."""
     machine, rows = read_machine("bridge_cmm"), 300

@@ -3,8 +3,9 @@
 The name's log evidence is compared with that of every nameless function of what was recorded (`recorded`: a motion
 that follows a channel, the path, or the clock down to quick changes, as a random effect), each beside all other
 findings. The name may depart from its textbook form by one of these functions too, which has less prior probability
-the larger it is. Where nothing with a name is the cause, some function explains as much without the name. And no name
-is smaller than what is clearly left without one: it may be a part of that.
+the larger it is. Where nothing with a name is the cause, some function explains as much without the name, or one
+function as much as several findings of one joint: what the path of a joint leaves behind resembles a play and a curve
+of it together. And no name is smaller than what is clearly left without one: it may be a part of that.
 """
 
 from __future__ import annotations
@@ -42,8 +43,9 @@ from identification.diagnosis.results.recorded_functions import (
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import score_of
 from identification.diagnosis.search.criteria import base_channels, moves
-from identification.diagnosis.search.model import EffectModel, of_groups
+from identification.diagnosis.search.model import EffectModel, of_groups, steps_of
 from identification.diagnosis.search.scoring import DETECT, Step, posterior
+from identification.results.terminal import counted
 
 # minus the log prior probability of a departure as large as the form: the exponential distribution of `DEPARTURES`
 DEPARTURE_COST = max(DEPARTURES.values()) / max(DEPARTURES)
@@ -100,8 +102,41 @@ def refusal(model: EffectModel, group: Sequence[Step], functions: Sequence[Funct
         lead = max(lead, in_noise - evidence_in_any_noise(without, best) + NAME_ODDS)
     if (lead_of_motion := evidence - single + NAME_ODDS) < lead:
         lead, best = lead_of_motion, motion
+    together = _of_one_joint(model, group) if lead > 0 else []
+    if len(together) > 1 and (all_of_it := _lead_of_all(model, together, functions))[0] < lead:
+        lead, best = all_of_it
     log.add("nameless-alternative", "kept" if lead > 0 else "refused", main, lead, 0.0, beside=_words(best))
-    return None if lead > 0 else f"a function without a name explains as much ({_words(best)})"
+    if lead > 0:
+        return None
+    findings = f" as the {counted(len(together), 'finding')} of this joint" if together else ""
+    return f"a function without a name explains as much{findings} ({_words(best)})"
+
+
+def _of_one_joint(model: EffectModel, group: Sequence[Step]) -> list[Sequence[Step]]:
+    """The findings with a name that follow the path of a joint that one of them follows."""
+    own = _followed(model, group[0].effect)
+    return [g for g in model.findings if not g[0].effect.empirical and own & _followed(model, g[0].effect)]
+
+
+def _followed(model: EffectModel, effect: Effect) -> set[str]:
+    """Joints whose position or side drives an effect."""
+    return {root(name).removeprefix("dir_") for name in effect.drivers} & {j.name for j in model.start.scene.moving}
+
+
+def _lead_of_all(
+    model: EffectModel, groups: Sequence[Sequence[Step]], functions: Sequence[Functions]
+) -> tuple[float, Functions | None]:
+    """Lead in log evidence of some findings together over one function without a name, and which.
+
+    What the path of a joint leaves behind resembles several names together, of which none is needed beside it. Each
+    after the first has the trials factor of the search that found it.
+    """
+    steps = steps_of(groups)
+    mains = {g[0].effect for g in groups}
+    without = of_groups(model.start, [g for g in model.findings if g[0].effect not in mains]).linear
+    evidence, _ = _of_any_size(without, [s.effect for s in steps])
+    instead, _, best = best_of(without, functions)
+    return evidence - instead + NAME_ODDS - sum(float(np.log(max(s.trials, 1))) for s in steps[1:]), best
 
 
 def with_names_again(model: EffectModel, log: DecisionLog) -> EffectModel:

@@ -32,6 +32,7 @@ RECENT = 0.7  # weight of each position in the mean of recent ones, of that of t
 TRAVELS = (0.7, 0.95)  # the same of the distance travelled, which warms
 PLAY = 0.5  # of a joint's range
 RELAY = 0.3  # quantiles of a joint's positions, from either end, beyond which a relay switches
+OTHER_RELAYS = (0.1, 0.15, 0.2, 0.25, 0.35, 0.4, 0.45)  # of the relays that a joint's own motions may follow
 MOST_MOTIONS = 24
 TINY = 1e-300
 ALIKE = 0.99  # squared correlation of the levers of two motions, beyond which they are taken as one
@@ -112,7 +113,7 @@ def recorded(linear: LinearModel, rows: Index) -> list[Functions]:
     for joint, own in paths.items():
         if joint in low:
             out += [Functions((joint, name), (low[joint], f[:, :ORDERS_OF_PAIR]), index) for name, f in own.items()]
-    quick = _quick(plain, rows)
+    quick, relays = _quick(plain, rows), dict(_relays_of(plain, linear, rows))
     names = [n for n in (*(j.name for j in linear.scene.moving), *SET) if n in bases]
     for element, motion, lever in _levers(linear):
         for count, orders in ORDERS_OF_SEVERAL.items():
@@ -122,6 +123,8 @@ def recorded(linear: LinearModel, rows: Index) -> list[Functions]:
         for name, f in {**bases, **paths.get(element, {})}.items():
             for values in quick if name == CLOCK else [f[:, :ORDERS_OF_MOTION]]:
                 out.append(Functions((name,), (values,), index, lever, element=element, motion=motion))
+        for values in relays.get(element, ()):
+            out.append(Functions((f"relay({element})",), (values,), index, lever, element=element, motion=motion))
     return out
 
 
@@ -187,7 +190,7 @@ def _channels(linear: LinearModel) -> tuple[dict[str, Array], dict[str, dict[str
                 f"turn({joint.name})": _turned(q),
                 f"recent({joint.name})": _recent(q),
                 f"play({joint.name})": _play(q, PLAY * float(np.ptp(q)) / 2),
-                f"relay({joint.name})": _relay(q, *np.quantile(q, [RELAY, 1 - RELAY]).tolist()),
+                f"relay({joint.name})": _relay(q, RELAY),
             }
     return plain, past
 
@@ -222,10 +225,19 @@ def _play(q: Array, half: float) -> Array:
     return np.array(out)
 
 
-def _relay(q: Array, low: float, high: float) -> Array:
-    """A state that becomes 1 above `high`, -1 below `low`, and stays between."""
+def _relay(q: Array, beyond: float) -> Array:
+    """A state that becomes 1 above a quantile, -1 below that from the other end, and stays between."""
+    low, high = np.quantile(q, [beyond, 1 - beyond])
     state = np.where(q > high, 1.0, np.where(q < low, -1.0, 0.0))
     return np.asarray(state[_latest(np.where(state != 0, np.arange(len(q)), 0))])
+
+
+def _relays_of(plain: Mapping[str, Array], linear: LinearModel, rows: Index) -> Iterator[tuple[str, list[Array]]]:
+    """Joints and their `OTHER_RELAYS`, each (n, 1) over some rows of the survey."""
+    for joint in linear.scene.moving:
+        if np.isfinite(q := plain[joint.name]).all():
+            own = {str(beyond): _relay(q, beyond) for beyond in OTHER_RELAYS}
+            yield joint.name, [f for _, f in _cosines_of(own, rows, 1)]
 
 
 def _cosines_of(
