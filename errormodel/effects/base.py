@@ -112,7 +112,7 @@ class Effect(BaseModel, ABC):
     empirical : whether it is a form without physics, which names nothing.
     flexible : whether it is physics that can follow any smooth curve.
     shape : a field that `terms` also takes as an array, (n, 1) for n values at once.
-    cause : fields that say what drives it, not what moves: the diagnosis tries two causes of one movement.
+    cause : fields that say what drives it, not what moves.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)

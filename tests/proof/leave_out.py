@@ -35,14 +35,10 @@ _SEARCH, _RESULTS = "identification.diagnosis.search.", "identification.diagnosi
 _FORWARD, _COMPARED = _SEARCH + "forward_selection", _SEARCH + "model_comparison"
 # rule: (module, name there, what it is without the rule)
 LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
-    "near-tie": ((_SEARCH + "scoring", "_names", lambda linear, ranked, log: list(ranked)),),
-    "two-causes": ((_FORWARD, "_by_two_causes", _none),),
     "refinement-first": ((_FORWARD, "could_refine", _nothing),),
     "left-over": ((_FORWARD, "left_over", _none),),
-    "like-contribution": ((_SEARCH + "refinement", "_much_the_same", _no),),
     "share-of-findings": ((_FORWARD, "LITTLE", 0.0),),
     "competing-refinement": ((_FORWARD, "MOST_COMPETING", 0),),
-    "accepted-alone": ((_FORWARD, "_that_predict", _none),),
     "second-sensor": ((_FORWARD, "add_second_sensor", _same),),
     "step-function": ((_FORWARD, "switched", _same),),
     "reselection": ((_FORWARD, "reselect", _same),),

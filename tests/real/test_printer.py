@@ -74,7 +74,8 @@ def test_a_cause_that_was_left_out_is_asked_for_again(printers: Path) -> None:
     assert 0 < len(kept) < len(whole.effects)
     found = diagnose(replace(whole, effects=kept), read_survey(printers / "homing_b.csv", whole))
     first = found.diagnosis.findings[0]
-    assert (first.effect, first.motion) == ("structure-drift", ["dz"])
+    assert first.effect == "structure-drift"
+    assert "dz" in first.motion  # a form that turns the carriage as well is as near: only heights were probed
     assert "T_bed" in first.statement
     assert "dz of Z" in first.statement  # of one joint that moves, it may be its carriage or what carries the whole
     assert found.final.heldout.rms_um < 0.2 * found.baseline.heldout.rms_um

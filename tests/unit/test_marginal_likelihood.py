@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 
 from errormodel.arrays import Array
 from identification.diagnosis.decisions.constants import SIZES
-from identification.diagnosis.search.marginal_likelihood import joint_evidence, log_sum
+from identification.diagnosis.search.marginal_likelihood import free_scores, joint_evidence, log_sum
 
 
 @dataclass(frozen=True)
@@ -109,3 +109,13 @@ def test_sums_of_logarithms_are_those_of_scipy() -> None:
     logs[0, :8], logs[:, 8], logs[:2, 9] = -np.inf, -np.inf, logs[:, 9].max() + 1
     np.testing.assert_array_equal(log_sum(logs, weights), logsumexp(logs, axis=0, b=weights))
     assert log_sum(logs[:, 20], weights[:, 0]) == logsumexp(logs[:, 20], b=weights[:, 0])
+
+
+def test_what_moves_nothing_has_no_evidence() -> None:
+    """The difference of two columns of temperatures that are copies, beside an effect that is seen."""
+    gram, slope = np.array([[[0.0, 0.0], [0.0, 0.0]], [[40.0, 0.0], [0.0, 30.0]]]), np.array([[0.0, 0.0], [30.0, 9.0]])
+    square, empirical = np.diagonal(gram, axis1=1, axis2=2), np.array([False, False])
+    evidence, gained, absorbed, _ = free_scores(Noise(100.0, 100), gram, slope, square, empirical)
+    assert evidence[0] == -np.inf
+    assert np.isfinite(evidence[1])
+    assert (gained[0], absorbed[0]) == (0.0, 1.0)

@@ -34,8 +34,7 @@ LEAST_P_VALUE = 1e-3
 # ---- how large a part
 NEAR = 0.1
 """Of an alternative's evidence: refinements may make up for as much. Of what was fitted of a finding: it has hardly
-changed. Two causes that lack no more of what a curve explains come before it, and no more evidence lacks a finding
-to what wanders: no form is exact."""
+changed. And a finding may lack as much evidence to what wanders: no form is exact."""
 
 MUCH = 0.3
 """Of what a finding explains: as much is no departure from its form (`DEPARTURES`: e to the -8 beforehand). A witness
@@ -43,9 +42,6 @@ that certainly shows less of a motion contradicts it."""
 
 LITTLE = 0.06
 """Of what a finding explains: as little may be left over from it, and is no other effect."""
-
-ALIKE = 0.6
-"""Canonical correlation beyond which a later effect is a further form of an earlier finding; by judgement."""
 
 NO_WORSE = 1.02
 """Times the cross-validation error: smaller differences are chance; by judgement."""
@@ -80,7 +76,7 @@ STEADY_UM = 4.0
 
 # ---- probability of a name (calibrated on 356 findings of five simulators by other authors and 201 of the proof)
 CHOSEN = 0.5
-"""Log odds of the preferred step among near-ties: that with most evidence in correlated noise."""
+"""Log odds of the name that was chosen, beside its evidence; with a larger lead another name's whole model is taken."""
 
 UNKNOWN = 0.05
 """Odds that it is something else which no catalogue has, and which looks like the name."""

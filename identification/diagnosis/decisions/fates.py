@@ -16,7 +16,7 @@ from identification.diagnosis.decisions.stages import NAMES, PROPOSALS, SELECTIO
 Place = tuple[str, str]  # effect and where
 UNNAMED = Unnamed.effect
 SCORES = ("candidate-score", "optimised-score")
-PREFERENCES = ("near-tie", "most-evidence", "empirical-lead")
+PREFERENCES = ("most-evidence", "empirical-lead")
 ACCEPTED_BY = ("cross-validation", "second-sensor")  # rules that make something part of a finding
 FOUND, DATA_CHECK, NAMELESS = "found", "found by a check of the data", "found, and its name refused"
 ALTERNATIVE, MERGED, CONTRADICTED, TAKEN_OUT = "alternative", "part of a finding", "contradicted", "taken out"

@@ -154,33 +154,19 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             SELECTION, "K",
             "A member may have had another temperature than its sensor in the first row, where that is likelier.",
         ),
-        "near-tie": Rule(
-            SELECTION, EVIDENCE,
-            "Named effects that the best one does not clearly exceed, by evidence over the number of their places.",
-            _decided("CLEARLY"),
-        ),
         "most-evidence": Rule(
-            SELECTION, EVIDENCE, "Of the near-ties, that with most evidence in correlated noise is first."
+            SELECTION, EVIDENCE, "Of named effects, that with most evidence over the number of its places is first."
         ),
         "empirical-lead": Rule(
             SELECTION, EVIDENCE, "An empirical term must lead the best named effect clearly.", _decided("CLEARLY")
         ),
         "preference": Rule(SELECTION, EVIDENCE, "The candidate that is tested for acceptance, by the rules before."),
-        "two-causes": Rule(
-            SELECTION, DELTA,
-            "A thermal effect with two sensors or lags that explains as much comes before an empirical term.",
-            _decided("NEAR", "LEAST_EVIDENCE"),
-        ),
         "refinement-first": Rule(
             SELECTION, EVIDENCE, "What may refine a finding is tried before a new one.", _decided("MUCH")
         ),
         "same-motion-and-driver": Rule(
             SELECTION, "", "What moves the same by the same driver is a refinement of that finding.",
             _decided("MUCH") + _in(_REFINED, "DISTINCT"),
-        ),
-        "like-contribution": Rule(
-            SELECTION, "canonical correlation", "What does nearly the same to the rows as a finding refines it.",
-            _decided("ALIKE", "MUCH"),
         ),
         "remainder-of-surface": Rule(
             SELECTION, "", "What follows one driver of an empirical form over two refines that form."
@@ -212,9 +198,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "cross-validation": Rule(
             SELECTION, ERRORS, "Blocks of rows must be predicted better with the effect than without it."
-        ),
-        "accepted-alone": Rule(
-            SELECTION, ERRORS, "Where the preferred candidate fails, those that pass the detection are tried."
         ),
         "second-sensor": Rule(
             SELECTION, EVIDENCE, "A second sensor or lag is added where it has evidence and predicts better.",

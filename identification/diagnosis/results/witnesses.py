@@ -202,9 +202,7 @@ def _instead(linear: LinearModel, step: Step, seen: Sequence[Witness]) -> list[S
                 LEAST_EVIDENCE, step.evidence / 2
             ):
                 continue
-            alone = replace(
-                alternative, delta_chi2=linear.delta_chi2(linear.with_effect(alternative.effect)), partner=()
-            )
+            alone = replace(alternative, delta_chi2=linear.delta_chi2(linear.with_effect(alternative.effect)))
             if any(t.word == "contradicts" for t in _results(linear, [alone], seen)):
                 continue
             return [replace(alone, alternatives=tuple(r for r in step.alternatives if r is not alternative))]

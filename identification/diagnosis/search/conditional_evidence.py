@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
+from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import Candidates, score_of
 from identification.diagnosis.search.criteria import log_likelihood_gain
 from identification.diagnosis.search.model import EffectModel, of_groups
-from identification.diagnosis.search.scoring import evidence_in_any_noise
+from identification.diagnosis.search.scoring import DECIMALS, Step
 from identification.diagnosis.search.shape_fit import optimise_shapes, scored
 
 MOST_EXAMINED = 8  # proposals that are looked at closely beside a finding
@@ -49,7 +52,7 @@ def in_correlated_noise(model: EffectModel, log: DecisionLog = UNRECORDED) -> Ef
     groups = model.findings
     for k, (main, *more) in enumerate(groups):
         steps = [main, *main.alternatives]
-        capped = evidence_in_any_noise(model.without([main, *more]), steps)
+        capped = _in_any_noise(model.without([main, *more]), steps)
         best, *alternatives = (replace(s, evidence=min(s.evidence, n)) for s, n in zip(steps, capped, strict=True))
         alternatives.sort(key=lambda r: -r.evidence)
         log.add("evidence-in-correlated-noise", "kept", best.effect, best.evidence)
@@ -57,3 +60,10 @@ def in_correlated_noise(model: EffectModel, log: DecisionLog = UNRECORDED) -> Ef
             log.add("evidence-in-correlated-noise", "compared", s.effect, s.evidence, beside=main.effect)
         groups[k] = [replace(best, alternatives=tuple(alternatives)), *more]
     return of_groups(model.start, groups)
+
+
+def _in_any_noise(linear: LinearModel, steps: Sequence[Step]) -> list[float]:
+    """Log Bayes factor of each step under correlated noise; the discrepancy's part shrinks in proportion."""
+    both = coloured.evidence(linear, [[s.effect] for s in steps])
+    pairs = zip(steps, both, strict=True)
+    return [round(s.evidence * max(averaged, 0.0) / max(white, 1.0), DECIMALS) for s, (white, averaged) in pairs]

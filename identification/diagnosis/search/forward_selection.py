@@ -85,11 +85,7 @@ def forward_select(
             f"Looking further than {last.effect} of {last.where}" if last else "Looking for what was left out"
         ):
             likely = _likely(model.linear, candidates, log)
-            further = (
-                add_best(model, likely, log)
-                or add_best(model, able := _accepted(model, likely, log), log)
-                or add_best(model, _that_predict(model, able, log), log)
-            )
+            further = add_best(model, likely, log) or add_best(model, _accepted(model, likely, log), log)
         if further is None:
             break
         added = further.steps[len(model.steps) :]
@@ -219,10 +215,7 @@ def _likely(linear: LinearModel, candidates: Candidates, log: DecisionLog) -> Li
     steps = optimise_shapes(linear, candidates, LIKELY, LEAST_EVIDENCE, log)
     if not steps:
         return None
-    best = choose(linear, steps, log)
-    if "temperature" in base_channels(best.effect) and (best.effect.empirical or not accepted(linear, best)):
-        best = _by_two_causes(linear, candidates, steps, best, log) or best
-    return steps, best
+    return steps, choose(steps, log)
 
 
 def _accepted(model: EffectModel, likely: Likely, log: DecisionLog) -> Likely:
@@ -235,42 +228,7 @@ def _accepted(model: EffectModel, likely: Likely, log: DecisionLog) -> Likely:
     steps, best = likely
     others = [s for s in steps if s is not best] if refined(model, best) is not None else steps
     able = [s for s in others if accepted(model.linear, s, log=log)]
-    return (able, choose(model.linear, able, log)) if able else None
-
-
-def _that_predict(model: EffectModel, able: Likely, log: DecisionLog) -> Likely:
-    """Of the convincing ones those that predict left-out rows better: of two sensors alike, one may and one may not.
-
-    Only before anything was found: what is slight beside a finding, and predicts a little, is no further one.
-    """
-    if able is None or model.steps:
-        return None
-    before = heldout_rms(model.linear)
-    errors = [heldout_rms(with_step(model, s).linear) for s in able[0]]
-    for step, error in zip(able[0], errors, strict=True):
-        log.add("accepted-alone", "accepted" if error < before else "refused", step.effect, ratio(error, before), 1.0)
-    better = [s for s, error in zip(able[0], errors, strict=True) if error < before]
-    return (better, choose(model.linear, better, log)) if better else None
-
-
-def _by_two_causes(
-    linear: LinearModel, candidates: Candidates, steps: Sequence[Step], form: Step, log: DecisionLog
-) -> Step | None:
-    """The thermal effect that explains most with two sensors or lags, if it explains as much as the empirical term."""
-    able: list[Step] = []
-    for step in sorted((s for s in steps if not s.effect.empirical), key=lambda s: -s.evidence):
-        found = best_pair(linear, step.effect, candidates.effects)
-        if found is None or found[2] < LEAST_EVIDENCE:
-            continue
-        one, other, more = found
-        both = linear.with_effect(one).with_effect(other)
-        gained = linear.delta_chi2(both)
-        as_much = gained > (1 - NEAR) * form.delta_chi2
-        share = ratio(gained, form.delta_chi2)
-        log.add("two-causes", "preferred" if as_much else "set aside", step.effect, share, 1 - NEAR, beside=form.effect)
-        if as_much:
-            able.append(replace(step, effect=one, partner=(other,), evidence=step.evidence + more, delta_chi2=gained))
-    return max(able, key=lambda s: s.delta_chi2, default=None)
+    return (able, choose(able, log)) if able else None
 
 
 def refit_time_constants(model: EffectModel) -> EffectModel:
@@ -374,7 +332,7 @@ def reselect(
         steps = optimise_shapes(linear, candidates, MOST_EXAMINED)
         if not steps:
             continue
-        best = choose(linear, steps)
+        best = choose(steps)
         if best.effect == old.effect or (bool(more) and best.effect.key == old.effect.key):
             continue
         rest = [s for s in more if s.effect.key != best.effect.key]

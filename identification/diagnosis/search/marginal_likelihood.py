@@ -42,7 +42,7 @@ def free_scores(noise: Left, gram: Array, slope: Array, square: Array, empirical
     gram, slope : products (m, k, k) of the projected columns with each other, and (m, k) with the residual.
     square : (m, k) the columns' own lengths squared; of a temperature's, as it changes (`Effect.changing`).
     """
-    norm = np.sqrt(square)
+    norm = np.sqrt(np.where(square > 0, square, 1.0))  # what moves nothing is not seen
     unit = gram / norm[:, :, None] / norm[:, None, :]
     values, vectors = np.linalg.eigh(unit) if unit.shape[1] > 1 else (unit[:, 0], np.ones_like(unit))
     seen = values > 1 - np.where(empirical, FORM_ABSORBED, ABSORBED)[:, None]

@@ -65,22 +65,12 @@ def _lagged(effect: Effect) -> bool:
 
 def replayed(start: LinearModel, steps: Sequence[Step]) -> EffectModel:
     """The model with these steps, in their order."""
-    own = list[Step]()
-    for step in steps:
-        own += _with_partner(step, len(own))
-    return EffectModel(start, start.with_effects([s.effect for s in own]), tuple(own))
+    return EffectModel(start, start.with_effects([s.effect for s in steps]), tuple(steps))
 
 
 def with_step(model: EffectModel, step: Step) -> EffectModel:
-    """With one more step, and its second cause where it has one."""
-    more = _with_partner(step, len(model.steps))
-    return EffectModel(model.start, model.linear.with_effects([s.effect for s in more]), (*model.steps, *more))
-
-
-def _with_partner(step: Step, number: int) -> list[Step]:
-    """A step that gets a number, and its second cause as a refinement of it, or of what it refines."""
-    parent = number if step.parent is None else step.parent
-    return [replace(step, partner=()), *(step.of_another(effect, parent=parent) for effect in step.partner)]
+    """With one more step."""
+    return EffectModel(model.start, model.linear.with_effect(step.effect), (*model.steps, step))
 
 
 def of_groups(start: LinearModel, groups: Sequence[Sequence[Step]]) -> EffectModel:
@@ -93,8 +83,7 @@ def steps_of(groups: Iterable[Sequence[Step]]) -> list[Step]:
     own = list[Step]()
     for main, *more in groups:
         number = len(own)
-        for step in (replace(main, parent=None), *(replace(s, parent=number) for s in more)):
-            own += _with_partner(step, len(own))
+        own += [replace(main, parent=None), *(replace(s, parent=number) for s in more)]
     return own
 
 

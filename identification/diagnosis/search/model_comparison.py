@@ -291,4 +291,4 @@ def _named(main: Step, start: LinearModel, others: Sequence[Step], candidates: C
     """The preferred step for an unnamed finding, given other findings."""
     linear = replayed(start, others).linear
     steps = optimise_shapes(linear, candidates, MOST_EXAMINED)
-    return choose(linear, steps) if steps else main
+    return choose(steps) if steps else main

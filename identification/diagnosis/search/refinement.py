@@ -14,9 +14,9 @@ from errormodel.effects.base import Effect
 from errormodel.effects.travel import legendre
 from errormodel.effects.unnamed import Unnamed
 from errormodel.machine import Joint
-from identification.diagnosis.decisions.constants import ALIKE, DEPARTURES, LITTLE, MUCH
+from identification.diagnosis.decisions.constants import DEPARTURES, LITTLE, MUCH
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.search.criteria import base_channels, canonical_correlation, moves, one_sensor
+from identification.diagnosis.search.criteria import base_channels, moves
 from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.scoring import Step
 
@@ -160,8 +160,7 @@ def refined(model: EffectModel, step: Step) -> int | None:
 def refinement_of(model: EffectModel, step: Step) -> tuple[int | None, str]:
     """Number of the finding that an effect refines, or None, and the name of the rule that says so.
 
-    It has the same motion at the same place by the same driver, or nearly the same projected contribution: what a wrong
-    lag or exponent leaves over.
+    It has the same motion at the same place by the same driver: what a wrong lag or exponent leaves over.
     """
     linear = model.start
     for k, earlier in enumerate(model.steps):
@@ -177,10 +176,6 @@ def refinement_of(model: EffectModel, step: Step) -> tuple[int | None, str]:
             if apart(one, other) and not is_departure(model, k, other):
                 continue
             return k, "same-motion-and-driver"
-        if not (one.random or other.random) and _much_the_same(model, one, other):
-            if other.empirical or one_sensor(one, other) or is_departure(model, k, other):
-                return k, "like-contribution"
-            continue  # too much of it has a name and a cause of its own
         if _is_surface(one) and base_channels(other) <= base_channels(one) and _motions(linear, one, other):
             return k, "remainder-of-surface"  # the remainder of a product follows either of its two drivers
     return None, ""
@@ -243,19 +238,6 @@ def is_departure(model: EffectModel, number: int, effect: Effect, share: float =
 def _is_surface(effect: Effect) -> bool:
     """Whether an effect is a form over two channels."""
     return effect.empirical and len(base_channels(effect)) > 1
-
-
-def _much_the_same(model: EffectModel, one: Effect, other: Effect) -> bool:
-    """Whether the fitted contributions of two effects have a canonical correlation above `ALIKE`.
-
-    Fitted values are compared, not column spaces: some combination of many parameters is like almost anything.
-    """
-    linear = model.start
-    effects = [*(s.effect for s in model.steps if not s.effect.random), other]
-    columns, values = linear.estimates(effects)
-    owner = np.repeat(np.arange(len(effects)), [len(linear.columns(e)[1]) for e in effects])
-    made = [(values * (owner == k)) @ columns for k in (effects.index(one), len(effects) - 1)]
-    return canonical_correlation(linear, *(m[None] for m in made)) > ALIKE
 
 
 def _motions(linear: LinearModel, one: Effect, other: Effect) -> set[str]:

@@ -31,7 +31,6 @@ class Step:
     count : number of its parameters.
     evidence_of_form : the part that comes from the discrepancy between the effect and its textbook form.
     alternatives : other explanations, given all other findings, best first.
-    partner : a second cause of the same motion that was accepted with it.
     parent : number of the step that this one refines, or None: a finding of its own.
     trials : number of candidates that were compared; its logarithm is the trials factor.
     names, places : number of effects among these, and of those that are this effect, at other places or by other
@@ -47,7 +46,6 @@ class Step:
     count: int = 1
     evidence_of_form: float = 0.0
     alternatives: tuple[Step, ...] = ()
-    partner: tuple[Effect, ...] = ()
     parent: int | None = None
     trials: int = 0
     names: int = 1
@@ -70,11 +68,11 @@ class Step:
         return replace(own, trials=self.trials, names=self.names, places=self.places)
 
 
-def choose(linear: LinearModel, steps: Sequence[Step], log: DecisionLog = UNRECORDED) -> Step:
+def choose(steps: Sequence[Step], log: DecisionLog = UNRECORDED) -> Step:
     """The likeliest named effect, unless an empirical term has clearly more evidence."""
     ranked = sorted(steps, key=lambda s: -s.evidence)
     forms = [s for s in ranked if s.effect.empirical]
-    names = _names(linear, [s for s in ranked if not s.effect.empirical], log)
+    names = _names([s for s in ranked if not s.effect.empirical], log)
     if not forms or (names and forms[0].evidence <= names[0].evidence + CLEARLY):
         if forms:
             lead = forms[0].evidence - names[0].evidence
@@ -91,31 +89,17 @@ def _preferred(step: Step, other: Step, log: DecisionLog) -> Step:
     return step
 
 
-def _names(linear: LinearModel, ranked: Sequence[Step], log: DecisionLog) -> list[Step]:
-    """Named effects in order of preference: by their log posterior odds, near-ties by those under correlated noise."""
-    if len(ranked) < 2:
-        return list(ranked)
-    ranked = sorted(ranked, key=lambda s: -posterior(s))
-    behind = posterior(ranked[0]) - CLEARLY
-    able = [s for s in ranked if posterior(s) > behind]
-    log.set_aside("near-tie", ranked, able, posterior, behind, ranked[0].effect)
-    in_noise = zip(able, evidence_in_any_noise(linear, able), strict=True)
-    left = {id(s): e + s.log_prior for s, e in in_noise}
-    first = sorted(able, key=lambda s: -left[id(s)])
-    log.set_aside("most-evidence", first, first[:1], lambda s: left[id(s)], left[id(first[0])], first[0].effect)
-    return [*first, *(s for s in ranked if s not in first)]
+def _names(steps: Sequence[Step], log: DecisionLog) -> list[Step]:
+    """Named effects in order of preference: by their log posterior odds."""
+    ranked = sorted(steps, key=lambda s: -posterior(s))
+    if ranked:
+        log.set_aside("most-evidence", ranked, ranked[:1], posterior, posterior(ranked[0]), ranked[0].effect)
+    return ranked
 
 
 def posterior(step: Step) -> float:
     """Log posterior odds of an effect at its place."""
     return step.evidence + step.log_prior
-
-
-def evidence_in_any_noise(linear: LinearModel, steps: Sequence[Step]) -> list[float]:
-    """Log Bayes factor of each step under correlated noise; the discrepancy's part shrinks in proportion."""
-    both = coloured.evidence(linear, [[s.effect] for s in steps])
-    pairs = zip(steps, both, strict=True)
-    return [round(s.evidence * max(averaged, 0.0) / max(white, 1.0), DECIMALS) for s, (white, averaged) in pairs]
 
 
 def accepted(linear: LinearModel, step: Step, log: DecisionLog = UNRECORDED) -> bool:
@@ -135,5 +119,5 @@ def accepted(linear: LinearModel, step: Step, log: DecisionLog = UNRECORDED) -> 
 
 def explained_by_noise(linear: LinearModel, step: Step) -> float:
     """The part of a step's log Bayes factor that correlated noise would explain as well."""
-    [(white, any_noise)] = coloured.evidence(linear, [[step.effect, *step.partner]])
+    [(white, any_noise)] = coloured.evidence(linear, [[step.effect]])
     return max(0.0, white - any_noise)

@@ -144,8 +144,8 @@ def _started(linear: LinearModel, form: Unnamed) -> list[_Driver]:
     x = linear.channel(form.driver)
     if form.by is None and form.period is None:
         half = float(np.ptp(x)) / 2
-        if form.driver in joints or form.driver.startswith(("dir_", "run(")) or form.driver == "time" or not half:
-            return []  # straightness of the joint itself is geometry, and events in time have names
+        if form.driver in joints or form.driver.startswith(("dir_", "run(")) or not half:
+            return []  # straightness of the joint itself is geometry
         return [_Driver(x, ALONE * half, float(np.median(x)), once=True)]
     if form.period is None or (form.by is not None and form.by_period is None):
         return []
