@@ -37,6 +37,7 @@ class Dialect:
     stop : line that waits for the operator.
     needs : preparations by the operator, in words.
     block : prefix of each line, a format with its number `n`.
+    radii : word that makes an X of diameters count radii; empty: none is known.
     """
 
     suffix: str
@@ -49,6 +50,7 @@ class Dialect:
     stop: str = "M0"
     needs: tuple[str, ...] = ()
     block: str = ""
+    radii: str = ""
 
     def prepare(self, numbers: Mapping[str, int]) -> list[str]:
         """Lines that set the modal state; `numbers` of its axes, by letter."""

@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.controllers.base import Controller
-from errormodel.controllers.dialect import Move
+from errormodel.controllers.dialect import Dialect, Move
 from errormodel.controllers.polarity import LEAST_READING_MM, TRAVEL_MARGIN_MM, Step, polarity_check
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables
 from errormodel.controllers.text import printable
+from errormodel.controllers.turning import DIAMETERS, LATHE_READINGS, OPTION, RADII, x_counts
 
 FEWEST_INTERVALS = 8  # intervals of a table of the check, so that a peak fits
 BACK_OFF_MM = 10.0  # mm between the start of an approach and its place; by judgement
@@ -85,13 +86,13 @@ def check_files(
     controller: Controller, setup: Setup, steps: Sequence[Step], load: Sequence[str] = ()
 ) -> dict[str, str]:
     """``steps.txt``, and a programme for each reading where the control's language is known; `load`: the tables."""
-    dialect, files = controller.dialect, dict[str, str]()
+    dialect, files = _dialect(controller, setup), dict[str, str]()
     lines = [*_opening(controller, setup, steps, load)]
     numbers = {m: controller.number(setup, m) for m in setup.watched} if controller.first_number is not None else {}
     for k, step in enumerate(steps, start=1):
         start = approach(setup, step)
         lines += ["", *_reading(controller, setup, k, step, start)]
-        if dialect is None or start is None or setup.lathe:  # whether X counts in diameters is not known
+        if dialect is None or start is None:
             continue
         name = f"check_{k}_{step.axis}"
         lines.append(f"   programme: {name}{dialect.suffix}")
@@ -108,6 +109,21 @@ def check_files(
     return {"steps.txt": "\n".join(lines) + "\n", **files}
 
 
+def _dialect(controller: Controller, setup: Setup) -> Dialect | None:
+    """Language of the programmes, with the word that makes X count radii where it counts diameters; None: none."""
+    dialect, counts = controller.dialect, x_counts(setup)
+    if dialect is None or counts == RADII:
+        return dialect
+    radii = counts == DIAMETERS and dialect.radii
+    return replace(dialect, head=(*dialect.head, dialect.radii)) if radii else None
+
+
+def _no_programme(counts: str) -> str:
+    if counts == DIAMETERS:
+        return "No programme is given: no word of this control for an X in radii was found in a public source."
+    return f"No programme is given: whether X counts in diameters is a setting of the control ({OPTION} says it)."
+
+
 def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: Sequence[str]) -> list[str]:
     """Instructions common to all readings."""
     watched = list(dict.fromkeys(s.axis for s in steps))
@@ -115,7 +131,7 @@ def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: 
     still = [a for a in setup.axes if a.name not in setup.watched]
     peak = max((abs(s.reading) for s in steps), default=0.0)
     alone = max((abs(s.by_itself) for s in steps if s.by_itself is not None), default=0.0)
-    programmes = controller.dialect is not None and not setup.lathe
+    programmes, counts = _dialect(controller, setup) is not None, x_counts(setup)
     return [
         "POLARITY CHECK: do the tables act on the right axis, and the right way? Before the real tables are loaded.",
         f"machine: {printable(setup.machine)}",
@@ -123,7 +139,7 @@ def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: 
         f"axes: {controller.legend(setup)}",
         f"tables of the check: {', '.join(load)}",
         *(["sign: turned round (--invert)"] if setup.inverted else []),
-        *([LATHE_READINGS] if setup.lathe else []),
+        *([LATHE_READINGS] if counts != RADII else []),
         "",
         "All positions are machine coordinates, mm and deg. Nothing is driven in rapid. The table is empty, the",
         "spindle stands, a person holds the feed override. The tables of this folder move no axis by more than",
@@ -146,14 +162,14 @@ def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: 
         + (
             "Bring the axes by hand near the place, on the side it names. Run the programme:"
             if programmes
-            else "Of a lathe no programme is given: whether X counts in diameters is a setting of the control."
-            if setup.lathe
+            else _no_programme(counts)
+            if counts != RADII
             else "No programme is given for this control: its language was not found in a public source, or"
         ),
         "    it goes back along the watched axis, then to the place, slowly, and ends 2 mm before it."
         if programmes
         else "    Drive by hand, slowly, in machine coordinates, to 2 mm before the place."
-        if setup.lathe
+        if counts != RADII
         else "    it has none. Drive by hand, slowly, in machine coordinates, to 2 mm before the place.",
         " b. The last 2 mm by hand, in steps of 0.1 and then 0.001 mm, exactly to the place, never beyond it.",
         " c. Put the indicator, its stand on the table, against the spindle nose, ahead of the motion. Set it to zero.",
@@ -191,9 +207,6 @@ def _reading(controller: Controller, setup: Setup, k: int, step: Step, start: fl
     return lines
 
 
-LATHE_READINGS = (
-    "X of a lathe: positions and readings are radii, as it moves; a display in diameters shows twice as much."
-)
 OTHER_SIGN_CAUSE = (
     "the sign is public for this control, so look for a direction of motion that was turned round in its settings"
 )

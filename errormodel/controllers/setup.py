@@ -90,6 +90,7 @@ class Setup:
     follow : whether corrections may follow the length of the tool; no: the survey does not show how.
     aligned : whether nothing is aligned again once the tables act: the frame of the errors then does not turn.
     most_tables : number of tables that may be used at most; None: as many as the format takes.
+    x_told : how the control counts X (`errormodel.controllers.turning`), as the user says; empty: not said.
     """
 
     machine: str
@@ -109,6 +110,7 @@ class Setup:
     follow: bool = True
     aligned: bool = False
     most_tables: int | None = None
+    x_told: str = ""
 
     def place(self, name: str) -> int:
         """Column of an axis in positions (n, axes)."""
@@ -163,12 +165,6 @@ class Setup:
         length = float(np.linalg.norm(self.tool)) if self.follow else 0.0
         x, y, z = (float(v) / length if length else 0.0 for v in self.tool)
         return x, y, z
-
-    @property
-    def lathe(self) -> bool:
-        """Whether it has linear axes X and Z and no Y: many controls of such machines count X in diameters."""
-        linear = {a.name for a in self.axes if not a.rotary}
-        return {"X", "Z"} <= linear and "Y" not in self.names
 
     @property
     def watched(self) -> tuple[str, ...]:

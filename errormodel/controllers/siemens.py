@@ -105,8 +105,9 @@ class Siemens(Controller):
         move="SUPA G1 {axis}={to:.3f} F{feed:g}",
         end=("M30",),
         source="SINUMERIK 6FC5397-0BP40 K2 (SUPA: all frames, DRF and external offsets off, block by block), "
-        "not checked in a manual: G710, D0 and TRAFOOF, and SUPA with G1",
+        "not checked in a manual: G710, D0, TRAFOOF and DIAMOF, and SUPA with G1",
         needs=("SUPA counts in machine coordinates; D0 takes the tool's offsets off; no tool in the spindle",),
+        radii="DIAMOF",
     )
 
     def address(self, setup: Setup, name: str) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.setup import Setup
+from errormodel.controllers.turning import DIAMETERS, NOT_KNOWN, OPTION, RADII, in_words, is_lathe, x_counts
 from errormodel.exceptions import InputError
 from errormodel.gcode import grammar
 from errormodel.gcode.codes import END_CODES, PLANES, Dialect
@@ -29,10 +30,7 @@ class Interpreter:
     """Execution of blocks of one dialect on one machine."""
 
     def __init__(self, dialect: Dialect, setup: Setup, reading: Reading, blocks: Sequence[Block]) -> None:
-        if setup.lathe and dialect.header:
-            found = f"a programme of {dialect.title} for a machine with X and Z and no Y, a lathe"
-            cure = "Write it as RS274/NGC with radii (--dialect iso), or a CSV of commands"
-            raise InputError("--program", f"{found}: X counts diameters there, and G90 to G99 mean others", cure)
+        _check_radii(dialect, setup, blocks)
         self.dialect, self.setup, self.reading = dialect, setup, reading
         self.modes = Modes()
         self.names, self.count = setup.names, len(setup.axes)
@@ -282,3 +280,23 @@ class Interpreter:
     def _travels(self, block: Block) -> None:
         for k in range(self.count):
             self._inside(block, k, self.q[k])
+
+
+def _check_radii(dialect: Dialect, setup: Setup, blocks: Sequence[Block]) -> None:
+    """Raise InputError where X counts diameters, or may do so and the dialect has no word for radii."""
+    counts = x_counts(setup)
+    if counts == RADII or (counts == NOT_KNOWN and not dialect.header) or dialect.printer:
+        return
+    found, write = f"a programme of {dialect.title}", "Write it as RS274/NGC with radii (--dialect iso, G8)"
+    if counts == DIAMETERS:
+        if not dialect.header and any("G8" in b.codes("G") for b in blocks):
+            return
+        cure = f"{write}, or a CSV of commands, whose positions are those of the axes"
+        raise InputError("--program", f"{found} whose X counts diameters ({OPTION})", cure)
+    found += f" for {in_words(setup)}"
+    if is_lathe(setup):
+        cure = f"{write}, or a CSV of commands"
+        raise InputError("--program", f"{found}: X counts diameters there, and G90 to G99 mean others", cure)
+    cure = f"Write {OPTION} radii where X counts radii and G90 is absolute, as on a mill. Else {write[0].lower()}"
+    cure += f"{write[1:]}, or a CSV of commands"
+    raise InputError("--program", f"{found}: whether X counts diameters is not known", cure)

@@ -14,6 +14,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.text import Comment
+from errormodel.controllers.turning import NOT_KNOWN, x_counts
 from errormodel.exceptions import InputError
 from errormodel.gcode.calls import written_out
 from errormodel.gcode.check import Deviation, checked
@@ -94,7 +95,7 @@ class Source:
 
     def start(self, setup: Setup) -> Array:
         """Initial positions of the axes (axes,), NaN where unknown."""
-        return Interpreter(self.dialect, setup, self.reading, ()).q
+        return Interpreter(self.dialect, setup, self.reading, self.blocks).q
 
     @property
     def switched(self) -> bool:
@@ -212,7 +213,7 @@ def _notes(source: Source, steps: Sequence[Step], setup: Setup) -> tuple[str, ..
     ]
     if any(b.has(c) for b in source.blocks for c in "IJK") and not said & {"G90.1", "G91.1"}:
         granted.append("I, J, K from the start (G91.1)")
-    if setup.lathe and "G8" not in said and not source.dialect.printer:
+    if x_counts(setup) == NOT_KNOWN and "G8" not in said and not source.dialect.printer:
         granted.append("X in radii (G8)")
     if not steps[0].modes.origin and not source.reading.offsets:
         granted.append("positions of the axes (no work offset)")

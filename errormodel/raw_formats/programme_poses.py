@@ -73,11 +73,15 @@ def recording_of(raw: RawFile, programme: Programme) -> Recording:
     InputError
         A block is not understood, or where an axis stands is not known.
     """
+    from errormodel.controllers.turning import in_words, spindle_of
+
     setup, source = programme.setup, programme.source
     # ways between poses may leave the travels of machine.yaml, as to the place of the tool change
     free = replace(setup, axes=tuple(replace(a, travel=(-np.inf, np.inf)) for a in setup.axes))
     frame, lines, again, notes = _poses(raw, programme, source.steps(free))
     units = {a.joint: "deg" if a.rotary else "mm" for a in setup.axes}
+    if spindle_of(setup) is not None:
+        notes.append(f"X taken as radii, of {in_words(setup)}: halve a column X that has diameters")
     if source.switched:
         notes.append("blocks behind '/' taken as carried out")
     return Recording(frame, units | {"feed": "mm/min"}, tuple(lines), (*raw.notes, *notes), again=tuple(again))
@@ -148,6 +152,7 @@ def plain_setup(machine: Machine) -> Setup:
     from errormodel.chain import Chain
     from errormodel.controllers.axes import axis_letters, directions_at_zero
     from errormodel.controllers.setup import Axis, Setup
+    from errormodel.controllers.turning import RADII, spindle_of
 
     along = directions_at_zero(machine, Chain(machine))
     letters, unsure = axis_letters(machine.joints, along, {})
@@ -160,7 +165,8 @@ def plain_setup(machine: Machine) -> Setup:
         low, high = np.degrees(joint.travel).tolist() if rotary else joint.travel
         x, y, z = line.tolist()
         axes.append(Axis(letter, joint.name, rotary, (low, high), (low, low), (x, y, z)))
-    return Setup(machine.name, tuple(axes), ())
+    setup = Setup(machine.name, tuple(axes), ())
+    return replace(setup, x_told=RADII) if spindle_of(setup) else setup  # a note says so
 
 
 def _poses(

@@ -181,6 +181,7 @@ def compensate(
     keep_alignment: bool = False,
     max_tables: int | None = None,
     load: float | None = None,
+    x_counts: str | None = None,
     seed: int = 0,
     progress: Progress = silent,
 ) -> CompensationResult:
@@ -222,6 +223,8 @@ def compensate(
         For controls that hold few tables: use this many at most, those that gain most.
     load : float or None
         Load that the tables are for, kg, where the model depends on it; None: the median of the survey's rows.
+    x_counts : str or None
+        How the control counts X, ``radii`` or ``diameters``; None: as the machine shows, if it does.
     seed : int
     progress : callable
         Called with the name of each long part; returns a context manager around it.
@@ -250,7 +253,7 @@ def compensate(
             found = stage(
                 folder, controller, points, resolution, path, probe, tool, seed, progress, reading, axes=axes,
                 invert=invert, allow_large=allow_large, kinematics=kinematics,
-                keep_alignment=keep_alignment, max_tables=max_tables, load=load,
+                keep_alignment=keep_alignment, max_tables=max_tables, load=load, x_counts=x_counts,
             )  # fmt: skip
         return CompensationResult(found)
 

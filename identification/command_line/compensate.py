@@ -47,6 +47,11 @@ if TYPE_CHECKING:
 @click.option("--keep-alignment", is_flag=True, help="Tables for fixtures, bed and probes that are not aligned again.")
 @click.option("--max-tables", type=click.IntRange(1), help="Use this many tables at most, those that gain most.")
 @click.option("--load", type=float, metavar="KG", help="Load the tables are for. [default: the survey's median]")
+@click.option(
+    "--x-counts",
+    metavar="WORD",
+    help="How the control counts X, where it is asked: radii or diameters.",
+)
 def compensate(
     folder: Path | None,
     name: str,
@@ -66,6 +71,7 @@ def compensate(
     keep_alignment: bool,
     max_tables: int | None,
     load: float | None,
+    x_counts: str | None,
     seed: int,
 ) -> None:
     """Write a controller's tables from the FOLDER of a fit, and show by emulation what they leave over."""
@@ -85,7 +91,8 @@ def compensate(
     result = api.compensate(
         folder, name, points=points, resolution=resolution, program=program, dialect=dialect, offsets=offsets, at=after,
         probe=probe, tool=tool, axes=axes, invert=invert, allow_large=allow_large, kinematics=kinematics,
-        keep_alignment=keep_alignment, max_tables=max_tables, load=load, seed=seed, progress=working,
+        keep_alignment=keep_alignment, max_tables=max_tables, load=load, x_counts=x_counts, seed=seed,
+        progress=working,
     )  # fmt: skip
     show_notes(result.notes)
     result.write(out)

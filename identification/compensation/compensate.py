@@ -36,7 +36,7 @@ from identification.compensation.field import Field
 from identification.compensation.findings import changed_columns, findings_of, outside
 from identification.compensation.model_uncertainty import against_model, following, judged
 from identification.compensation.notes import first_lines, survey_notes
-from identification.compensation.options import check_invert, check_most, source_of, with_load
+from identification.compensation.options import check_invert, check_most, source_of, told_x, with_load
 from identification.compensation.read_motions import known_at_tip, motion_rows, several_zeros
 from identification.compensation.reduction import aligned, leftover, reduce
 from identification.compensation.result import Compensation, Own, Stated
@@ -77,6 +77,7 @@ def compensate(
     keep_alignment: bool = False,
     max_tables: int | None = None,
     load: float | None = None,
+    x_counts: str | None = None,
 ) -> Compensation:
     """Compute the tables of a controller for the machine that was fitted into `folder`.
 
@@ -97,6 +98,7 @@ def compensate(
     keep_alignment : whether fixtures, bed and probes are not aligned again once the tables act.
     max_tables : tables that are used at most, where the control holds few: those that gain most.
     load : load that the tables are for, kg; None: the median of the survey's rows.
+    x_counts : how the control counts X, ``radii`` or ``diameters``; None: as the machine shows, if it does.
 
     Raises
     ------
@@ -136,7 +138,7 @@ def compensate(
     by_axis = None if read is None else {a.name: read.get(a.joint, ()) for a in setup.axes}
     setup = replace(
         setup, probe=probe, inverted=invert, reversals=reversals(field, letters), read=by_axis,
-        aligned=keep_alignment, most_tables=max_tables,
+        aligned=keep_alignment, most_tables=max_tables, x_told=told_x(x_counts, setup),
     )  # fmt: skip
     controller.suits(setup)
     whole = fit if read is None else None

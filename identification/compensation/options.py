@@ -10,7 +10,9 @@ import numpy as np
 from errormodel.channels import root
 from errormodel.controllers import instead, registry
 from errormodel.controllers.base import Controller, Rewriter, Target
-from errormodel.exceptions import InputError
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.turning import OPTION, X_COUNTS
+from errormodel.exceptions import InputError, nearest
 from errormodel.gcode.reading import Reading
 from errormodel.inputs import noted
 from identification.compensation.field import Field
@@ -34,6 +36,21 @@ def check_most(controller: Target, most: int | None) -> None:
         counted = " or ".join(n for n, k in registry().items() if issubclass(k, Controller) and k.few_tables)
         found = f"{controller.title}, of which every control holds all that are written"
         raise InputError("--max-tables", found, f"Leave it out; it is for --controller {counted}")
+
+
+def told_x(counts: str | None, setup: Setup) -> str:
+    """How the control counts X as the user says, empty where he does not.
+
+    Raises
+    ------
+    InputError
+        It is no such word, or the machine has no linear axis X.
+    """
+    if counts is not None and counts not in X_COUNTS:
+        raise InputError(OPTION, f"'{counts}'", nearest(counts, X_COUNTS))
+    if counts is not None and not any(a.name == "X" and not a.rotary for a in setup.axes):
+        raise InputError(OPTION, "the machine has no linear axis X", "Leave it out")
+    return counts or ""
 
 
 def with_load(field: Field, load: float | None, table: pd.DataFrame) -> tuple[Field, tuple[str, ...]]:

@@ -11,6 +11,7 @@ from errormodel.controllers.base import Controller, Target
 from errormodel.controllers.probing import Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables
+from errormodel.controllers.turning import lathe_step
 from identification.compensation.advice import Advice, Scale
 from identification.compensation.assessment import Figures
 from identification.compensation.conditions import (
@@ -30,11 +31,6 @@ SCHEMA = "errormodel.compensation/1"
 REDATUM_STEP = (
     "once the tables act, touch off work offsets, datum and tool setter again: positions that were taken without them "
     "are shifted by the corrections there"
-)
-# step for machines with X and Z only
-LATHE_STEP = (
-    "X of a lathe: positions and corrections of the files are radii, as the axis moves. Where the control counts X in "
-    "diameters, its manual says whether its tables do, too: then double both before loading"
 )
 
 
@@ -165,8 +161,8 @@ class Compensation:
         if isinstance(controller, Controller) and usual.conditions:
             before += backlash_lines(controller, self.setup, usual.tables, usual.conditions)
             before += controller.about(usual.tables, self.setup)
-        if isinstance(controller, Controller) and self.setup.lathe:
-            before.append(LATHE_STEP)
+        if isinstance(controller, Controller) and (step := lathe_step(self.setup)):
+            before.append(step)
         after = [REDATUM_STEP] if isinstance(controller, Controller) else []
         after.append(f"to take it back: {controller.back}")
         needs = f"the control needs: {controller.needs}"
