@@ -19,7 +19,7 @@ from errormodel.controllers.setup import Setup
 from errormodel.controllers.text import Lines
 from errormodel.exceptions import InputError
 from errormodel.gcode.divide import Correct
-from errormodel.gcode.programme import Corrected, Source, corrected
+from errormodel.gcode.programme import Corrected, Source, corrected, outside_measured
 from errormodel.gcode.reading import Reading
 
 
@@ -61,7 +61,9 @@ class GCode(Rewriter):
             raise InputError(name, "a CSV of commands takes no --dialect, --offset, --at", "Leave them out")
         head, q = self._table(name, text, setup)
         rows = [",".join(f"{v:.{figures}f}" for v in row) for row in correct(q, _arrivals(q))]
-        return Corrected("\n".join([",".join(head), *rows]) + "\n")
+        outside = [k for k, row in enumerate(q, start=1) if outside_measured(row, setup)]
+        leave = f"{len(outside)} rows leave the measured region (first row {outside[0]})" if outside else ""
+        return Corrected("\n".join([",".join(head), *rows]) + "\n", (f"{name}: {leave}",) if leave else ())
 
     def checklist(self, setup: Setup) -> list[str]:
         return [

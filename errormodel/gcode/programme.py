@@ -243,7 +243,7 @@ def _notes(source: Source, steps: Sequence[Step], setup: Setup) -> tuple[str, ..
     blind = [n for k, n in enumerate(setup.names) if n in setup.reversing and _blind(steps, k)]
     if blind:
         out.append(f"{source.name}: the direction from which {', '.join(blind)} first arrives is taken as positive")
-    outside = [s.block.number for s in steps if _outside(s.q, setup)]
+    outside = [s.block.number for s in steps if outside_measured(s.q, setup)]
     if outside:
         out.append(f"{source.name}: {len(outside)} blocks leave the measured region (first in line {outside[0]})")
     return tuple(out)
@@ -269,7 +269,8 @@ def _blind(steps: Sequence[Step], column: int) -> bool:
     )  # fmt: skip
 
 
-def _outside(q: Array, setup: Setup) -> bool:
+def outside_measured(q: Array, setup: Setup) -> bool:
+    """Whether a position (axes,) lies beyond the measured part of an axis that moved."""
     return any(
         a.name in setup.moving and np.isfinite(v) and not a.measured[0] - 1e-6 <= v <= a.measured[1] + 1e-6
         for a, v in zip(setup.axes, q, strict=True)

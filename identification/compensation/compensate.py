@@ -24,6 +24,7 @@ from errormodel.gcode.reading import Reading
 from errormodel.machine import Vector
 from identification.compensation.advice import mechanical_advice, scale_advice, with_scales
 from identification.compensation.assessment import Correct, assess, emulated, left, nothing
+from identification.compensation.beyond import carried_on, passes, region_words, rows_beyond
 from identification.compensation.conditions import (
     check_errors,
     check_size,
@@ -121,6 +122,7 @@ def compensate(
             field = field.of_joints(known_at_tip(folder, read))
             held = motion_rows(field, table, read)
     volume = Volume.of(field, table, fit.frame_mode != "fixed", turns=read is None)
+    volume = carried_on(volume) if isinstance(controller, Rewriter) else volume
     channels = [root(c) for c in field.chain.channels]
     states = levels(table, channels)
     middle = states[len(states) // 2]
@@ -159,7 +161,7 @@ def compensate(
             )
         elif isinstance(controller, Rewriter):
             with progress(f"Commands for {what}"):
-                sets.append(_rewritten(controller, setup, here, whole, held, label, state, source, reading, seed))
+                sets.append(_rewritten(controller, setup, here, fit, held, label, state, source, reading, seed))
     tests: dict[str, str] = {}
     own = None
     if isinstance(controller, Controller) and len(sets) > 1 and "time" not in states[0]:
@@ -205,6 +207,7 @@ def compensate(
         tuple(scales),
         scaled_um,
         field.state["load"] if "load" in channels else None,
+        controller.beyond if isinstance(controller, Controller) else region_words(volume),
     )
 
 
@@ -313,7 +316,7 @@ def _rewritten(
     rewriter: Rewriter,
     setup: Setup,
     volume: Volume,
-    fit: StoredFit | None,
+    fit: StoredFit,
     held: Rows | None,
     label: str,
     state: Mapping[str, float],
@@ -338,9 +341,11 @@ def _rewritten(
 
     # the line ends of the original programme are kept, since the control may require them
     new = re.sub(r"\r?\n", "\r\n", done.text) if "\r\n" in text else done.text
-    figures, steps = judged(fit, volume, rounded, held, seed), seams(volume, setup, rounded, seed)
-    turned = Coordinates.of(volume, rounded, seed)
-    return Stated(label, state, {name: new}, (), figures, None, done.notes, turned, steps)
+    commanded = field.inward(rewriter.positions(name, text, setup, reading))
+    steps = seams(volume, setup, rounded, seed, passes(volume, commanded))
+    figures = judged(fit if setup.read is None else None, volume, rounded, held, seed)
+    turned, outside = Coordinates.of(volume, rounded, seed), tuple(rows_beyond(fit, volume, name, commanded))
+    return Stated(label, state, {name: new}, (), figures, None, done.notes, turned, steps, outside)
 
 
 def fewer_lines(controller: Controller, setup: Setup, volume: Volume, tables: Tables, seed: int) -> tuple[str, ...]:

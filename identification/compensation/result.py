@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from errormodel.controllers.base import Controller, Target
+from errormodel.controllers.base import EDGE_HOLDS, Controller, Target
 from errormodel.controllers.probing import Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables
@@ -47,6 +47,7 @@ class Stated:
     notes: tuple[str, ...] = ()  # remarks on rewritten programmes
     coordinates: Coordinates | None = None  # what it turns and shifts as a whole; None: not computed
     seams: tuple[Seam, ...] = ()  # steps of the correction where a rotary axis begins a new turn
+    beyond: tuple[str, ...] = ()  # what comes first of commands that lie beyond what was measured
 
     @property
     def removed_um(self) -> float:
@@ -82,6 +83,7 @@ class Compensation:
     still : what comes first of rotary axes that the survey did not move.
     scales : scale errors that the tables do not hold, and where they are set.
     load : load that the tables are for, kg; None: the model depends on none.
+    edge : what the correction is beyond the measured volume.
     states : state of the machine that the tables are for, and residual errors in other states.
     """
 
@@ -102,6 +104,7 @@ class Compensation:
     scales: tuple[Scale, ...] = ()
     scaled_um: float | None = None
     load: float | None = None
+    edge: str = EDGE_HOLDS
 
     @property
     def usual(self) -> Stated:
@@ -135,7 +138,15 @@ class Compensation:
         if isinstance(self.controller, Controller):
             ordered += [f"FIRST: {x}" for x in self.controller.heed(self.usual.tables)]
         ordered += [x for x in self.turned if x.startswith("FIRST")]
-        return [*dict.fromkeys(against), *(f"FIRST: {line}" for line in changed), *gentle, *self.still, *ordered]
+        outside = dict.fromkeys(line for s in self.sets for line in s.beyond)
+        return [
+            *dict.fromkeys(against),
+            *(f"FIRST: {line}" for line in changed),
+            *outside,
+            *gentle,
+            *self.still,
+            *ordered,
+        ]
 
     def _more(self, controller: Controller) -> str:
         """What can take away more than these tables: where rotary axes lie, before richer formats."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from errormodel.arrays import Mask
 from errormodel.controllers.setup import FULL_TURN, Axis, Setup
 from identification.compensation.assessment import Correct, fresh_rows
 from identification.compensation.volume import TURN_SLACK, Volume
@@ -42,16 +43,21 @@ class Seam:
         return f"FIRST: {step}. {cure}"
 
 
-def seams(volume: Volume, setup: Setup, correct: Correct, seed: int) -> tuple[Seam, ...]:
-    """Steps above the control's increment of each rotary joint whose travel is a turn, of which a part was measured."""
-    parts = [(k, axis) for k, axis in enumerate(setup.axes) if _part_of_a_turn(axis)]
+def seams(volume: Volume, setup: Setup, correct: Correct, seed: int, passed: Mask | None = None) -> tuple[Seam, ...]:
+    """Steps above the control's increment of each rotary joint whose travel is a turn, of which a part was measured.
+
+    Parameters
+    ----------
+    passed : (joints,) which commands pass the step of; None: any may.
+    """
+    parts = [(k, axis) for k, axis in enumerate(setup.axes) if _part_of_a_turn(axis) and (passed is None or passed[k])]
     if not parts:
         return ()
-    rows, field = fresh_rows(volume, seed), volume.field
+    rows, field, (low, high) = fresh_rows(volume, seed), volume.field, volume.ends
     out = []
     for k, axis in parts:
         start, end = rows.q.copy(), rows.q.copy()
-        start[:, k], end[:, k] = volume.low[k], volume.high[k]
+        start[:, k], end[:, k] = low[k], high[k]
         held = correct(end, rows.direction, None) - end
         here = field.actual(correct(start, rows.direction, None), rows.direction)
         step = 1e3 * float(np.linalg.norm(field.actual(start + held, rows.direction) - here, axis=1).max())

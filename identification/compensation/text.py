@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from textwrap import wrap
 
-from errormodel.controllers.base import EDGE_HOLDS, Controller
+from errormodel.controllers.base import Controller
 from errormodel.controllers.setup import Axis, Setup
 from identification.compensation.advice import Advice, Scale
 from identification.compensation.assessment import OTHER_TOOLS, Error, Figures
@@ -76,8 +76,7 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
         yield f"  {'before':52} {rms:8.2f} {worst:8.2f}   um (rms, worst)"
         yield f"  {'with ' + ', '.join(result.probing.files):52} {rms_after:8.2f} {worst_after:8.2f}"
     yield ""
-    beyond = controller.beyond if isinstance(controller, Controller) else EDGE_HOLDS
-    yield f"region: what the survey covered; {beyond}"
+    yield from wrap(f"region: what the survey covered; {result.edge}", TEXT_WIDTH)
     yield from (f"  {line}" for line in region_lines(setup))
     if isinstance(controller, Controller) and not controller.general:
         yield "lengths in the files are metric: load them into a control that is set to mm, not inches"

@@ -54,6 +54,7 @@ class Volume:
         directions of the machine's own axes.
     origin : state in which the reference point is taken to lie right, where `pose` says so (`counted_from`).
     every : whether that is so of every state, each in itself.
+    held : ends (joints,) from which on a correction is that of the edge; None: `low` and `high`.
     """
 
     field: Field
@@ -64,6 +65,7 @@ class Volume:
     turns: bool = True
     origin: Mapping[str, float] | None = None
     every: bool = False
+    held: tuple[Array, Array] | None = None
 
     @classmethod
     def of(cls, field: Field, table: pd.DataFrame, free: bool, turns: bool = True) -> Volume:
@@ -131,6 +133,11 @@ class Volume:
         """Nearest command inside the volume: commands outside are corrected as its boundary is."""
         return np.clip(q, self.low, self.high)
 
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """Lowest and highest commands (joints,) up to which the correction follows the model."""
+        return self.held or (self.low, self.high)
+
     def poses(self, count: int, seed: int) -> tuple[Array, Array]:
         """Sobol points over the volume and directions of approach (+-1), both (count, joints)."""
         from scipy.stats import qmc
@@ -161,8 +168,8 @@ class Volume:
         return self.frame.apply(self.field.nominal(q, tool))
 
     def ideal(self, q: Array, direction: Array, tool: Array | None = None) -> Array:
-        """Commands that reach the wanted points; outside the volume the correction of its boundary is used."""
-        inside = self.clamp(q)
+        """Commands that reach the wanted points; beyond the `ends` the correction of the edge is used."""
+        inside = np.clip(q, *self.ends)
         reached, _ = inverse(self.field, inside, direction, self.target(inside, tool), tool)
         return q + (reached - inside)
 

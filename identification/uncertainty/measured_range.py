@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -67,6 +68,34 @@ def covered(chain: Chain, table: pd.DataFrame) -> dict[str, list[float]]:
     return out
 
 
+@dataclass(frozen=True)
+class Beyond:
+    """Points beyond the fitted range of a joint or channel, in the units of files.
+
+    Attributes
+    ----------
+    count : how many; `at` : place of the farthest in the table, and its `value`.
+    unit : with a space before it.
+    acts : whether anything in the model depends on it.
+    """
+
+    name: str
+    count: int
+    at: int
+    value: float
+    low: float
+    high: float
+    unit: str
+    acts: bool
+
+    @property
+    def words(self) -> str:
+        return (
+            f"beyond what was measured of {self.name}, {self.low:.6g} to {self.high:.6g}{self.unit}; the farthest at "
+            f"{self.value:.6g}{self.unit}"
+        )
+
+
 def beyond_notes(chain: Chain, ranges: Mapping[str, list[float]], table: pd.DataFrame) -> Iterator[str]:
     """Notes on joints and channels whose values lie outside the fitted range: number of points and farthest row.
 
@@ -76,6 +105,21 @@ def beyond_notes(chain: Chain, ranges: Mapping[str, list[float]], table: pd.Data
     ----------
     ranges : lowest and highest fitted value by name, as `covered` returns them.
     table : points to predict, mm and rad.
+    """
+    for found in farthest_beyond(chain, ranges, table):
+        row = table.iloc[found.at]
+        count = f"{found.count} point{'s lie' if found.count > 1 else ' lies'}"
+        there = _there(chain, found.name, found.acts)
+        yield f"{count} {found.words} ({row['file']}, row {row['row']}). There {there}"
+
+
+def farthest_beyond(chain: Chain, ranges: Mapping[str, list[float]], table: pd.DataFrame) -> Iterator[Beyond]:
+    """Joints and channels of points that lie outside the fitted range by more than `RANGE_MARGIN_SHARE` of it.
+
+    Parameters
+    ----------
+    ranges : lowest and highest fitted value by name, as `covered` returns them.
+    table : points, mm and rad.
     """
     table = outward(table, chain.machine)
     kinds = {j.name: j.type for j in chain.machine.joints}
@@ -92,13 +136,8 @@ def beyond_notes(chain: Chain, ranges: Mapping[str, list[float]], table: pd.Data
         if not outside.any():
             continue
         at = int(np.nanargmax(np.where(outside, beyond, np.nan)))
-        row = table.iloc[at]
         unit = {"prismatic": " mm", "rotary": " deg"}.get(kinds.get(name, ""), _unit(name))
-        count = f"{outside.sum()} point{'s lie' if outside.sum() > 1 else ' lies'}"
-        yield (
-            f"{count} beyond what was measured of {name}, {low:.6g} to {high:.6g}{unit}; the farthest at "
-            f"{values[at]:.6g}{unit} ({row['file']}, row {row['row']}). There {_there(chain, name, name in acting)}"
-        )
+        yield Beyond(name, int(outside.sum()), at, float(values[at]), low, high, unit, name in acting)
 
 
 def unrecorded_load(ranges: Mapping[str, list[float]], table: pd.DataFrame) -> Iterator[str]:
