@@ -81,7 +81,7 @@ def recording_of(raw: RawFile, programme: Programme) -> Recording:
     frame, lines, again, notes = _poses(raw, programme, source.steps(free))
     units = {a.joint: "deg" if a.rotary else "mm" for a in setup.axes}
     if spindle_of(setup) is not None:
-        notes.append(f"X taken as radii, of {in_words(setup)}: halve a column X that has diameters")
+        notes.append(f"X taken as radii, for {in_words(setup)}: write a programme in diameters in radii")
     if source.switched:
         notes.append("blocks behind '/' taken as carried out")
     return Recording(frame, units | {"feed": "mm/min"}, tuple(lines), (*raw.notes, *notes), again=tuple(again))

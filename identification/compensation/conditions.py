@@ -18,7 +18,13 @@ from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import LONGER, Table, Tables
 from errormodel.exceptions import InputError
 from identification.compensation.assessment import Correct, emulated, fresh_rows, left, nothing, remaining
-from identification.compensation.reversal import left_to_parameters, reversal_lines, with_backlash
+from identification.compensation.reversal import (
+    left_to_parameters,
+    reversal_lines,
+    settings_of,
+    to_add,
+    with_backlash,
+)
 from identification.compensation.rows import Rows
 from identification.compensation.volume import Volume, best_frame
 from identification.observation.pose import Pose
@@ -76,6 +82,8 @@ class Conditions:
     before_um : without tables.
     worse_share : share of the poses that the tables make worse.
     largest : largest correction and slope of a linear joint, and where.
+    together_um, together_share : `left_um` and `worse_share` with those backlash parameters set that the checklist says
+        to set; None: there are none.
     """
 
     left_um: float
@@ -84,27 +92,43 @@ class Conditions:
     before_um: float
     worse_share: float
     largest: Largest
+    together_um: float | None = None
+    together_share: float | None = None
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
 
     def against(self, instead: str) -> str:
-        """Why these tables should not be loaded, and what to use; empty: nothing speaks against them."""
-        removed = 1 - self.left_um / self.before_um if self.before_um > 0 else 0.0
-        little = self.before_um <= 0 or self.left_um > (1 - LEAST_REMOVED_SHARE) * self.before_um
-        if not little and self.worse_share <= MOST_WORSE_SHARE:
-            return ""
+        """Why these tables should not be loaded, and what to use; empty: nothing speaks against them.
+
+        They are judged with the backlash parameters set that the checklist says to set.
+        """
+        if self.together_um is None or self.together_share is None:
+            why, how = self._harm(self.left_um, self.worse_share), ""
+        else:
+            why = self._harm(self.together_um, self.together_share) if self.alone else ""
+            how = "with the backlash parameters of the checklist set, "
+        return f"{how}{why}; {instead} can take away more" if why else ""
+
+    @property
+    def alone(self) -> str:
+        """What speaks against these tables without any backlash parameter set; empty: nothing."""
+        return self._harm(self.left_um, self.worse_share)
+
+    def _harm(self, left_um: float, worse_share: float) -> str:
+        removed = 1 - left_um / self.before_um if self.before_um > 0 else 0.0
+        little = self.before_um <= 0 or left_um > (1 - LEAST_REMOVED_SHARE) * self.before_um
         why = list[str]()
         if little:
             taken = _percent(removed, LEAST_REMOVED_SHARE) if removed > 0 else "nothing"
             why.append(
-                f"this format takes away {taken} of the rms error ({self.before_um:.1f} um before, {self.left_um:.1f} "
+                f"this format takes away {taken} of the rms error ({self.before_um:.1f} um before, {left_um:.1f} "
                 f"after), less than {100 * LEAST_REMOVED_SHARE:g} %"
             )
-        if self.worse_share > MOST_WORSE_SHARE:
-            share = _percent(self.worse_share, MOST_WORSE_SHARE)
+        if worse_share > MOST_WORSE_SHARE:
+            share = _percent(worse_share, MOST_WORSE_SHARE)
             why.append(f"it makes {share} of the poses worse, more than {100 * MOST_WORSE_SHARE:g} %")
-        return f"{', and '.join(why)}; {instead} can take away more"
+        return ", and ".join(why)
 
 
 def _percent(share: float, limit: float) -> str:
@@ -147,10 +171,15 @@ def conditions_of(controller: Controller, setup: Setup, volume: Volume, tables: 
     found = left_to_parameters(controller, setup, tables)
     bare = left(volume, emulated(controller, kept, setup, volume), seed).rms_um if len(kept) < len(tables) else None
     set_up = left(volume, with_backlash(correct, setup, found, volume.field), seed).rms_um if found else None
-    return Conditions(
+    plain = Conditions(
         promised, bare, set_up, left(volume, nothing, seed).rms_um, _worse(volume, correct, seed),
         largest(volume, setup, correct, acts, seed),
     )  # fmt: skip
+    added = to_add(controller, setup, tables)
+    if not added:
+        return plain
+    both = with_backlash(correct, setup, added, volume.field)
+    return replace(plain, together_um=left(volume, both, seed).rms_um, together_share=_worse(volume, both, seed))
 
 
 def _worse(volume: Volume, correct: Correct, seed: int) -> float:
@@ -280,6 +309,20 @@ def backlash_lines(controller: Controller, setup: Setup, tables: Tables, figures
             f"{figures.parameters_um:.1f} with them"
         )
     return lines
+
+
+def together_line(controller: Controller, setup: Setup, tables: Tables, figures: Conditions) -> str:
+    """What comes first of tables that do harm without the control's backlash parameters; empty: they do none."""
+    if figures.together_um is None or figures.together_share is None or not figures.alone or figures.against("-"):
+        return ""
+    settings = " and ".join(
+        f"{parameter} {value}" for parameter, value in settings_of(controller, setup, to_add(controller, setup, tables))
+    )
+    return (
+        f"load these tables together with {settings} (added to what was set during the survey, see below), never "
+        f"alone: without that {figures.alone}; together {figures.together_um:.1f} um rms are left and "
+        f"{100 * figures.together_share:.0f} % of the poses become worse"
+    )
 
 
 def state_lines(

@@ -19,6 +19,7 @@ from identification.compensation.conditions import (
     backlash_lines,
     richer,
     shift_lines,
+    together_line,
 )
 from identification.compensation.coordinates import Coordinates
 from identification.compensation.findings import Outside, column_line
@@ -139,6 +140,7 @@ class Compensation:
             ordered += [f"FIRST: {x}" for x in self.controller.heed(self.usual.tables)]
         ordered += [x for x in self.turned if x.startswith("FIRST")]
         outside = dict.fromkeys(line for s in self.sets for line in s.beyond)
+        ordered = ordered if harm else [*self._together, *ordered]
         return [
             *dict.fromkeys(against),
             *(f"FIRST: {line}" for line in changed),
@@ -147,6 +149,17 @@ class Compensation:
             *self.still,
             *ordered,
         ]
+
+    @property
+    def _together(self) -> list[str]:
+        """What comes first of tables that do harm without the control's backlash parameters."""
+        controller, words = self.controller, dict[str, str]()
+        if not isinstance(controller, Controller):
+            return []
+        for s in self.sets:
+            if s.conditions and (line := together_line(controller, self.setup, s.tables, s.conditions)):
+                words[s.label] = line
+        return [f"FIRST: {line}" for line in in_words(words, len(self.sets))]
 
     def _more(self, controller: Controller) -> str:
         """What can take away more than these tables: where rotary axes lie, before richer formats."""

@@ -54,6 +54,25 @@ def left_to_parameters(controller: Controller, setup: Setup, tables: Tables) -> 
     return {name: r for name, r in setup.reversals.items() if name not in held_by_tables(tables)}
 
 
+def to_add(controller: Controller, setup: Setup, tables: Tables) -> dict[str, Reversal]:
+    """The same without axes that are ahead of their command, of which no parameter is to be raised."""
+    return {name: r for name, r in left_to_parameters(controller, setup, tables).items() if r.mean < 0}
+
+
+def settings_of(controller: Controller, setup: Setup, found: Mapping[str, Reversal]) -> list[tuple[str, str]]:
+    """Parameters of the control for reversal values, each with its value as the control takes it."""
+    return [
+        (_parameter(controller, setup, name), controller.backlash_value(setup, name, -r.mean))
+        for name, r in sorted(found.items())
+    ]
+
+
+def _parameter(controller: Controller, setup: Setup, name: str) -> str:
+    return controller.backlash_parameter.format(
+        axis=controller.address(setup, name), number=controller.number(setup, name)
+    )
+
+
 def with_backlash(correct: Correct, setup: Setup, found: Mapping[str, Reversal], field: Field) -> Correct:
     """Corrected commands with the backlash parameters set to the mean over the travel."""
     size = np.array([found[n].mean if n in found else 0.0 for n in setup.names])
@@ -82,9 +101,7 @@ def reversal_lines(controller: Controller, setup: Setup, tables: Tables) -> list
                 ". It is ahead of its command, which no worn drive makes: a backlash parameter that is set too large "
                 f"does, readings in motion that are late, or a wrong column dir_{axis.joint} of the survey"
             )
-        parameter = controller.backlash_parameter.format(
-            axis=controller.address(setup, name), number=controller.number(setup, name)
-        )
+        parameter = _parameter(controller, setup, name)
         if name in held:
             lines.append(f"{found}. These tables hold it, one for each direction" + _beside(controller, parameter))
         elif parameter and ahead:

@@ -62,7 +62,7 @@ def test_the_model_of_an_arm_is_carried_on_and_rows_beyond_are_named(
     done("compensate", fit, *what)
     made = pd.read_csv(tmp_path / "o/p.csv")[names].to_numpy()
     assert rms(reached(machine, p, q, q)) > 300
-    assert rms(reached(machine, p, made, q)) < 10  # 2 um of noise on 150 rows; held at the edge some 200
+    assert rms(reached(machine, p, made, q)) < 10  # 2 um of noise on 150 rows; held at the edge 152
     found = json.loads((tmp_path / "o/compensation.json").read_text())
     (beyond,) = [x for x in found["first"] if "beyond what was measured" in x]
     assert "12 of the 60 rows of p.csv lie beyond what was measured of J3" in beyond
@@ -94,7 +94,7 @@ def test_how_far_follows_from_what_errors_depend_on() -> None:
     assert np.isinf(np.delete(high, 1)).all()
     words = region_words(volume)
     assert "along J1, J3, J4, J5, J6, on which no error depends, and along J2 by 10% of its range; else" in words
-    both = np.radians([[0.0] * 6, [0, 230, 0, 0, 0, 300], [0, -230, 0, 0, 0, -300]])
+    both = np.radians(np.array([[0.0] * 6, [0.0, 230, 0, 0, 0, 300], [0.0, -230, 0, 0, 0, -300]]))
     assert passes(volume, both).tolist() == [False, True, False, False, False, False]
     assert not passes(volume, both[:2]).any()
 

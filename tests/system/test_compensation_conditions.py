@@ -20,7 +20,7 @@ from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.compensation.assessment import emulated, left
 from identification.compensation.compensate import best_tables
-from identification.compensation.conditions import Largest, check_size, conditions_of, largest
+from identification.compensation.conditions import Conditions, Largest, check_size, conditions_of, largest
 from identification.compensation.field import Field, movers_of
 from identification.compensation.reversal import reversal_lines, reversals
 from identification.compensation.volume import Volume
@@ -294,3 +294,46 @@ def test_tables_that_do_more_harm_than_good_are_advised_against(tmp_path: Path) 
     written = json.loads((tmp_path / "linuxcnc-type1/compensation.json").read_text())
     assert written["first"][0].startswith("DO NOT LOAD")
     assert "DO NOT LOAD" in checklist(tmp_path / "linuxcnc-type1")[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter"),
+    [
+        ("siemens-lec", "MD32450 $MA_BACKLASH[0,X1] +0.00"),
+        ("heidenhain", "MP_backLash of X (MP710 on TNC 4xx) +0.00"),
+        ("fanuc-pitch", "parameter 1851 of axis A1 (and 1852 where 1800#4 is 1) +6 detection units of 1 um"),
+    ],
+)
+def test_tables_that_need_the_backlash_parameter_are_loaded_together_with_it(
+    name: str, parameter: str, lagging: Path, tmp_path: Path
+) -> None:
+    """A scale error and a backlash of its size: the table alone makes one direction worse where errors cancelled."""
+    said = " ".join(done("compensate", lagging, "--controller", name, "--out", tmp_path / "o").out.split())
+    assert "DO NOT LOAD" not in said
+    found = json.loads((tmp_path / "o/compensation.json").read_text())
+    (line,) = [x for x in found["first"] if "load these tables together with" in x]
+    assert line.startswith(f"FIRST: load these tables together with {parameter}")
+    conditions = found["sets"][0]["conditions"]
+    assert conditions["worse_share"] > 0.1 > conditions["together_share"]
+    assert conditions["together_um"] < 1.0 < conditions["left_um"]
+
+
+def test_tables_that_do_harm_with_the_parameter_as_well_are_advised_against() -> None:
+    size = Largest(0.01, "X", "X=0", 0.0, "X")
+    both = Conditions(90.0, None, 85.0, 100.0, 0.3, size, together_um=85.0, together_share=0.2).against("csv")
+    assert both.startswith("with the backlash parameters of the checklist set, this format takes away 15 %")
+    assert "makes 20 % of the poses worse" in both
+    good = Conditions(90.0, None, 10.0, 100.0, 0.3, size, together_um=10.0, together_share=0.0)
+    assert not good.against("csv")
+    assert "30 % of the poses" in good.alone
+
+
+@pytest.fixture(scope="module")
+def lagging(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A fit of a mill with a scale error of X and a backlash of X as large as that over half the travel."""
+    folder = tmp_path_factory.mktemp("lagging")
+    machine = replace(read_machine(MILL), effects=(EffectSpec("backlash", {"joint": "X"}),))
+    chain = Chain(machine)
+    p = chain.vector({"X.dx.1": 10 * UM, chain.effect_ids[0][0]: -6 * UM})
+    save(fit_machine(machine, survey(positions(measured(machine, p, 150, 1, noise=0.3 * UM)))), folder / "fit")
+    return folder / "fit"

@@ -14,6 +14,7 @@ from errormodel.controllers.setup import Setup
 from errormodel.controllers.turning import DIAMETERS, NOT_KNOWN, RADII, x_counts
 from errormodel.machine import Joint, Machine, Shape
 from errormodel.machine_file import read_machine
+from errormodel.raw_formats.base import Asked, format_of, open_raw
 from errormodel.raw_formats.programme_poses import plain_setup
 from identification.estimation.fit import fit_machine
 from identification.results.store import save
@@ -110,3 +111,12 @@ def test_tables_say_that_they_count_radii(name: str, fit: Path, tmp_path: Path) 
 def test_the_word_is_checked(fit: Path, tmp_path: Path) -> None:
     found = run("compensate", fit, "--controller", "csv", "--x-counts", "diam", "--out", tmp_path / "o")
     assert (found.code, "diameters" in found.err) == (2, True)
+
+
+def test_commands_of_a_programme_say_that_x_is_taken_as_radii(tmp_path: Path) -> None:
+    for machine, words in ((turning_centre(), True), (read_machine("trunnion_five_axis"), False)):
+        text = "G21 G90 G94\nG0 X10 Y0 Z200 C0" + (" A0" if not words else "") + "\nG1 Z100 F100\nM2\n"
+        (tmp_path / "p.nc").write_text(text)
+        raw = open_raw(tmp_path / "p.nc", "p.nc")
+        notes = " ".join(format_of(raw).read(raw, Asked(machine)).notes)
+        assert ("X taken as radii" in notes) == words
