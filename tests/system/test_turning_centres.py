@@ -115,7 +115,7 @@ def test_the_word_is_checked(fit: Path, tmp_path: Path) -> None:
 
 def test_commands_of_a_programme_say_that_x_is_taken_as_radii(tmp_path: Path) -> None:
     for machine, words in ((turning_centre(), True), (read_machine("trunnion_five_axis"), False)):
-        text = "G21 G90 G94\nG0 X10 Y0 Z200 C0" + (" A0" if not words else "") + "\nG1 Z100 F100\nM2\n"
+        text = "G21 G90 G94\nG0 X10 Y0 Z200 C0" + (" A0" if not words else "") + "\nG1 Z210 F100\nM2\n"
         (tmp_path / "p.nc").write_text(text)
         raw = open_raw(tmp_path / "p.nc", "p.nc")
         notes = " ".join(format_of(raw).read(raw, Asked(machine)).notes)
