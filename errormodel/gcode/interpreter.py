@@ -283,9 +283,10 @@ class Interpreter:
 
 
 def _check_radii(dialect: Dialect, setup: Setup, blocks: Sequence[Block]) -> None:
-    """Raise InputError where X counts diameters, or may do so and the dialect has no word for radii."""
+    """Raise InputError where X counts diameters, or a lathe's dialect has no word for radii."""
     counts = x_counts(setup)
-    if counts == RADII or (counts == NOT_KNOWN and not dialect.header) or dialect.printer:
+    open_to_both = counts == NOT_KNOWN and not (dialect.header and is_lathe(setup))  # radii are granted, and said
+    if counts == RADII or open_to_both or dialect.printer:
         return
     found, write = f"a programme of {dialect.title}", "Write it as RS274/NGC with radii (--dialect iso, G8)"
     if counts == DIAMETERS:
@@ -293,10 +294,5 @@ def _check_radii(dialect: Dialect, setup: Setup, blocks: Sequence[Block]) -> Non
             return
         cure = f"{write}, or a CSV of commands, whose positions are those of the axes"
         raise InputError("--program", f"{found} whose X counts diameters ({OPTION})", cure)
-    found += f" for {in_words(setup)}"
-    if is_lathe(setup):
-        cure = f"{write}, or a CSV of commands"
-        raise InputError("--program", f"{found}: X counts diameters there, and G90 to G99 mean others", cure)
-    cure = f"Write {OPTION} radii where X counts radii and G90 is absolute, as on a mill. Else {write[0].lower()}"
-    cure += f"{write[1:]}, or a CSV of commands"
-    raise InputError("--program", f"{found}: whether X counts diameters is not known", cure)
+    found += f" for {in_words(setup)}: X counts diameters there, and G90 to G99 mean others"
+    raise InputError("--program", found, f"{write}, or a CSV of commands")

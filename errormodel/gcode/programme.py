@@ -14,7 +14,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.text import Comment
-from errormodel.controllers.turning import NOT_KNOWN, x_counts
+from errormodel.controllers.turning import NOT_KNOWN, OPTION, in_words, is_lathe, x_counts
 from errormodel.exceptions import InputError
 from errormodel.gcode.calls import written_out
 from errormodel.gcode.check import Deviation, checked
@@ -213,11 +213,19 @@ def _notes(source: Source, steps: Sequence[Step], setup: Setup) -> tuple[str, ..
     ]
     if any(b.has(c) for b in source.blocks for c in "IJK") and not said & {"G90.1", "G91.1"}:
         granted.append("I, J, K from the start (G91.1)")
+    out = list[str]()
     if x_counts(setup) == NOT_KNOWN and "G8" not in said and not source.dialect.printer:
-        granted.append("X in radii (G8)")
+        if is_lathe(setup):
+            granted.append("X in radii (G8)")
+        else:
+            out.append(
+                f"{source.name}: X is taken for radii ({OPTION} radii says so). This is {in_words(setup)}: where its "
+                f"control counts X in diameters, these corrections are wrong"
+            )
     if not steps[0].modes.origin and not source.reading.offsets:
         granted.append("positions of the axes (no work offset)")
-    out = [f"{source.name}: taken for granted, since it does not say: {', '.join(granted)}"] if granted else []
+    if granted:
+        out.append(f"{source.name}: taken for granted, since it does not say: {', '.join(granted)}")
     if source.calls or source.holes:
         out.append(
             f"{source.name}: {source.calls} calls and {source.holes} holes of cycles are written out as single lines"

@@ -67,12 +67,13 @@ def test_what_is_open_follows_from_the_machine() -> None:
 def test_a_programme_whose_x_may_count_diameters_is_asked_about(fit: Path, tmp_path: Path) -> None:
     (tmp_path / "turn.nc").write_text(PROGRAMME)
     what = ("--controller", "gcode", "--dialect", "fanuc", "--offset", "X0,Y0,Z0,C0", "--program", tmp_path / "turn.nc")
-    found = run("compensate", fit, *what, "--out", tmp_path / "o")
-    assert (found.code, "whether X counts diameters is not known" in found.err) == (2, True)
-    assert "--x-counts radii" in found.err
+    said = done("compensate", fit, *what, "--out", tmp_path / "asked")
+    assert "turn.nc: X is taken for radii (--x-counts radii says so)" in said.out
+    assert "where its control counts X in diameters, these corrections are wrong" in said.out
     found = run("compensate", fit, *what, "--x-counts", "diameters", "--out", tmp_path / "o")
     assert (found.code, "whose X counts diameters" in found.err) == (2, True)
-    done("compensate", fit, *what, "--x-counts", "radii", "--out", tmp_path / "o")
+    told = done("compensate", fit, *what, "--x-counts", "radii", "--out", tmp_path / "o")
+    assert "diameters" not in told.out
     assert (tmp_path / "o/turn.nc").is_file()
 
 
