@@ -51,7 +51,7 @@ LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
     "second-cause": ((_COMPARED, "_second_causes", _nothing), (_COMPARED, "_two_names", _nothing)),
     "model-cross-validation": ((_COMPARED, "NO_WORSE", FOREVER),),
     "prediction-made-worse": (("identification.diagnosis.extension", "NO_WORSE", FOREVER),),
-    "wanders-instead": (("identification.diagnosis.extension", "without_wanderers", _same),),
+    "wanders-instead": (("identification.diagnosis.extension", "without_wanderers", lambda m, log: (m, None)),),
     "wave-of-two-joints": (("identification.diagnosis.extension", "largest_wave", _none),),
     "unlikely-name": ((_RESULTS + "nameless_alternative", "probability_of", lambda step: 1.0),),
     "remainder-of-name": ((_RESULTS + "nameless_alternative", "MUCH", FOREVER),),
