@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -95,11 +96,19 @@ class ThermalDrift(Standard):
         sheet = Sheet("ends", f"Drift at the end, after {hours:.2f} h", ["position", "of", "drift", "unit"], rows)
         return Evaluation(
             self.number, self.title, f"survey {survey.source.name}", tuple(quantities), (sheet,), charts,
-            tuple(_notes(found)), data,
+            tuple(_notes(found, survey, machine)), data,
         )  # fmt: skip
 
 
-def _notes(found: list[Drift]) -> Iterator[str]:
+def _notes(found: list[Drift], survey: Survey, machine: Machine) -> Iterator[str]:
+    carrying = [j.name for j in takewhile(lambda j: j.type == "rotary", machine.joints)]
+    turned = [name for name in carrying if np.ptp(survey.commands([name])) > SAME_POSITION]
+    if turned and len({d.label for d in found}) > 1:
+        yield (
+            f"displacements of points are along the workpiece's axes, which {' and '.join(turned)} "
+            f"turn{'s' if len(turned) == 1 else ''}: one drift of the machine is another in x and in y at each of its "
+            "positions"
+        )
     if all(d.time[-1] < 4 * HOUR for d in found):
         yield "recorded for less than four hours; ISO 230-3 has 4 h for spindles and axes"
     if not any(d.temperatures for d in found):

@@ -246,6 +246,19 @@ def test_drift_over_the_time(tmp_path: Path) -> None:
     assert found["dx"]["value"] == 0.0
 
 
+def test_a_drift_along_the_axes_of_a_turning_workpiece_says_so(tmp_path: Path) -> None:
+    joints = {j.name: 0.0 for j in read_machine(TRUNNION).joints}
+    time = np.arange(0.0, 7200.0, 300.0)
+    points = {"mx": 0.0, "my": 0.0, "mz": 200.0}
+    standing = pd.DataFrame({**joints, "time": time, **points})
+    turned = standing.assign(C=np.where(np.arange(len(time)) % 2, 90.0, 0.0))
+    for table, said in ((standing, False), (turned, True)):
+        table.to_csv(tmp_path / "d.csv", index=False)
+        survey = write(tmp_path / "d.yaml", "errormodel: 1\nfiles: [{path: d.csv}]\nframe: fixed\n")
+        notes = iso("230-3", TRUNNION, survey).evaluations[0].notes
+        assert any("along the workpiece's axes, which C turns" in n for n in notes) == said
+
+
 def test_a_rotary_axis_in_a_survey_and_in_the_fit_are_one(tmp_path: Path) -> None:
     """C turns and X, Y follow: rows of a perfect instrument give what the fitted model gives on the same path."""
     truth = {"C.dz.cos1": 0.006, "C.dx.sin2": 0.004, "C.ec.sin1": 3e-5}
