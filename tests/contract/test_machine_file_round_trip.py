@@ -124,7 +124,8 @@ def machines(draw: st.DrawFn) -> Machine:
         max_size=3,
     )
     effects = draw(st.lists(st.builds(EffectSpec, st.sampled_from(sorted(registry())), options), max_size=3))
-    return Machine(draw(texts), tuple(elements), draw(vectors), tuple(effects), notes=draw(texts))
+    name = draw(texts.filter(lambda text: len(text) <= schema.LONGEST_NAME))
+    return Machine(name, tuple(elements), draw(vectors), tuple(effects), notes=draw(texts))
 
 
 @settings(max_examples=50)
