@@ -170,7 +170,7 @@ def fit(
     from identification.bayes.settings import priors_of
     from identification.diagnosis.data_checks.gate import passed
     from identification.estimation.fit import fit_machine
-    from identification.importing.repeat_shift import repeat_notes
+    from identification.importing.repeat_shift import displacement_notes
     from identification.results.fit_result import FitResult
 
     model = machine_of(machine)
@@ -180,7 +180,7 @@ def fit(
     bounds = {} if bayes else given
     with progress("Fitting"):
         result = passed(model, data, lambda: fit_machine(model, data, robust, bounds, document), robust)
-        result = replace(result, notes=(*result.notes, *repeat_notes(model, data)))
+        result = replace(result, notes=(*result.notes, *displacement_notes(model, data)))
     if bayes:
         from identification.bayes.inference import bayesian
 

@@ -36,6 +36,7 @@ def import_survey(
     dialect: str = "auto",
     observation: str | Mapping[str, object] | Sequence[str | Mapping[str, object]] = "",
     axes: Literal["reference", "tool"] = "reference",
+    frame: Literal["", "shared", "per-run", "per-file", "fixed"] = "",
     leave_out: Sequence[str] = (),
     dwells: bool = True,
     log_offset: float = 0.0,
@@ -78,6 +79,8 @@ def import_survey(
     axes : {"reference", "tool"}
         Of ``mx my mz``: the machine's reference (the table's where the chain begins with it), or those of the last
         frame, of a nest in the spindle that reads along its own.
+    frame : {"", "shared", "per-run", "per-file", "fixed"}
+        Which rows share a measuring frame; empty: a frame a station, a file, or a run where the points ask for it.
     leave_out : list of str
         Rows of raw files that count for nothing: ``"27,41-45"``, of one of several files ``"tracker.csv:27"``.
     dwells : bool
@@ -122,7 +125,7 @@ def import_survey(
         mapping(columns, "--columns"), mapping(command_columns, "--command-columns"), dict(units or {}),
         dict(command_units or {}), format, command_format, dates, joint, tuple(offsets), tuple(at), dialect, match,
         dwells, log_offset, circle, observations_of(observation), axes, sheet,
-        rows_of(leave_out),
+        rows_of(leave_out), frame,
     )  # fmt: skip
     with progress("Reading and joining"):
         command_file = None if commands is None else Path(commands)

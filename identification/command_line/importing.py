@@ -69,6 +69,11 @@ if TYPE_CHECKING:
     show_default=True,
     help="Of mx my mz: tool, of a nest in the spindle that reads along its own axes.",
 )
+@click.option(
+    "--frame",
+    type=click.Choice(["shared", "per-run", "per-file", "fixed"]),
+    help="Rows that share a measuring frame. [default: as the points fit]",
+)
 @click.option("--leave-out", multiple=True, metavar="[RAW:]ROWS", help="Rows that count for nothing: 27,41-45.")
 @click.option("--no-dwells", is_flag=True, help="Every row is a reading: no dwells are looked for.")
 @click.option("--log-offset", type=float, default=0.0, help="Seconds to add to the times of a temperature log.")
@@ -96,6 +101,7 @@ def import_(
     after: tuple[str, ...],
     observation: tuple[str, ...],
     axes: Literal["reference", "tool"],
+    frame: Literal["shared", "per-run", "per-file", "fixed"] | None,
     leave_out: tuple[str, ...],
     no_dwells: bool,
     log_offset: float,
@@ -117,8 +123,8 @@ def import_(
         units=_pairs(units, "--units"), command_columns=command_columns,
         command_units=_pairs(command_units, "--command-units"), format=form, command_format=command_format,
         sheet=sheet, dates=dates or "", joint=joint, offsets=offsets, at=after, dialect=dialect,
-        observation=observation, axes=axes, leave_out=leave_out, dwells=not no_dwells, log_offset=log_offset,
-        centre=_positions(centre), plane=plane, radius=radius, start=start, seed=seed, progress=working,
+        observation=observation, axes=axes, frame=frame or "", leave_out=leave_out, dwells=not no_dwells,
+        log_offset=log_offset, centre=_positions(centre), plane=plane, radius=radius, start=start, seed=seed, progress=working,
     )  # fmt: skip
     show_notes(result.notes)
     result.save(out)

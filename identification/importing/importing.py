@@ -31,6 +31,7 @@ from identification.importing.leaving_out import open_measured, without_rows
 from identification.importing.near_causes import other_cause
 from identification.importing.nearest import find_pairing
 from identification.importing.other_orders import CURE
+from identification.importing.own_frames import frame_of, parted_by_runs
 from identification.importing.pairing import LOCATION_ERROR_MM, NEAREST, Pairs, middles, pair, points_of
 from identification.importing.partial import refuse_partial
 from identification.importing.proof import Proof, prove, refuse_instead_of_target, refuse_unit, with_other_order
@@ -39,7 +40,6 @@ from identification.importing.roles import Kind
 from identification.importing.sources import SourceFile, Wishes, open_source
 from identification.importing.traces import Trace, ball_notes, traces_of
 from identification.importing.unused_options import refuse_unused
-from identification.observation.frames import MACHINE_ERROR_SHARE, align
 
 OTHER_COMMANDS = (
     "In no frame do half of them lie on these commands, in any order: they are of another test, cut off, or the "
@@ -50,7 +50,6 @@ Both: TypeAlias = tuple[Array, Array]  # nominal and measured points
 UNEVEN = 3.0  # times: so much more often is no reflector measured than another
 MOST_TARGETS, FEWEST_OF_TARGET = 8, 4  # words of a column that may name reflectors, and rows of each; by judgement
 ON_TRAVEL = 0.5  # of the commands: with fewer on the travels their unit is doubted, and not that of the measurements
-SAME_FRAME = 3.0  # times the misfit of the better file alone: so far may two files in one frame be off; by judgement
 
 
 @dataclass(frozen=True)
@@ -139,12 +138,14 @@ def import_files(
     points = [_with_clock(s, p, bool(logs), warnings) for s, p in zip(points, pairs, strict=True)]
     readings = [replace(r, source=_with_clock(r.source, r.pairs, bool(logs), warnings)) for r in readings]
     single = [r.source for r in readings]
-    frame = _frame(points, aligned, chain)
-    files = _files(points, motions, traces, readings, logs, pairs, commanded, frame, wishes, turns_tool(machine))
-    with tempfile.TemporaryDirectory() as folder, running(None):
-        for name, data in files.items():
-            write_bytes_atomic(data, Path(folder) / name)
-        survey = read_survey(Path(folder) / SURVEY_FILE, machine)
+    frame = frame_of(points, aligned, chain, wishes.frame)
+    mapped = _files(points, motions, traces, readings, logs, pairs, commanded, wishes, turns_tool(machine))
+    files = _stated(mapped, "frame", frame)
+    survey = _survey_of(files, machine)
+    if frame == "shared" and not wishes.frame and parted_by_runs(machine, survey):
+        frame = "per-run"
+        files = _stated(mapped, "frame", frame)
+        survey = _survey_of(files, machine)
     if any(len(own.targets) == 1 for own in pairs):
         refuse_instead_of_target(machine, survey)
     try:
@@ -207,8 +208,20 @@ def _on_travels(commands: SourceFile, machine: Machine) -> bool:
 
 def _with_notes(texts: list[str], survey: Survey, files: Mapping[str, bytes]) -> tuple[Survey, dict[str, bytes]]:
     """A survey whose ``survey.yaml`` states notes, which every command repeats."""
-    stated = files[SURVEY_FILE] + _yaml({"notes": texts}).encode()
-    return replace(survey, notes=(*survey.notes, *texts)), {**files, SURVEY_FILE: stated}
+    return replace(survey, notes=(*survey.notes, *texts)), _stated(files, "notes", texts)
+
+
+def _stated(files: Mapping[str, bytes], key: str, value: object) -> dict[str, bytes]:
+    """The files with one more key in ``survey.yaml``."""
+    return {**files, SURVEY_FILE: files[SURVEY_FILE] + _yaml({key: value}).encode()}
+
+
+def _survey_of(files: Mapping[str, bytes], machine: Machine) -> Survey:
+    """The survey that is read from the files of its folder."""
+    with tempfile.TemporaryDirectory() as folder, running(None):
+        for name, data in files.items():
+            write_bytes_atomic(data, Path(folder) / name)
+        return read_survey(Path(folder) / SURVEY_FILE, machine)
 
 
 def _one_place_each(pairs: Sequence[Pairs]) -> list[Pairs]:
@@ -289,29 +302,12 @@ def _refuse_no_commands(source: SourceFile, machine: Machine) -> None:
         raise InputError(source.raw.name, found, cure)
 
 
-def _frame(points: Sequence[SourceFile], aligned: Sequence[Both], chain: Chain) -> str:
-    """Which rows share a measuring frame: all, those of a station in one file, or those of a file."""
-    if any("station" in s.recording.frame and s.recording.frame["station"].nunique() > 1 for s in points):
-        return "per-run"
-    if len(points) < 2:
-        return "shared"
-    if any(not np.isfinite(m).all() or len(m) < 4 for _, m in aligned):
-        return "shared"
-    alone = max(_miss(n, m) for n, m in aligned)
-    together = _miss(np.vstack([n for n, _ in aligned]), np.vstack([m for _, m in aligned]))
-    return "per-file" if together > SAME_FRAME * max(alone, MACHINE_ERROR_SHARE * chain.size) else "shared"
-
-
-def _miss(nominal: np.ndarray, measured: np.ndarray) -> float:
-    return float(np.quantile(np.linalg.norm(measured - align(nominal, measured).apply(nominal), axis=1), 0.8))
-
-
 def _files(
     points: Sequence[SourceFile], motions: Sequence[SourceFile], traces: Sequence[Trace],
     readings: Sequence[ReadingFile], logs: Sequence[SourceFile], pairs: Sequence[Pairs], commanded: SourceFile | None,
-    frame: str, wishes: Wishes, turned: bool,
+    wishes: Wishes, turned: bool,
 ) -> dict[str, bytes]:  # fmt: skip
-    """Files of the survey's folder: the raw ones as they came, the map, and the pairs.
+    """Files of the survey's folder: the raw ones as they came, the map but for its frame, and the pairs.
 
     `turned`: whether a joint turns the last frame; else the first target is where the tool of the machine is.
     """
@@ -346,7 +342,6 @@ def _files(
         }
     if logs:
         block["logs"] = [_plain(s) | ({"offset": wishes.log_offset} if wishes.log_offset else {}) for s in logs]
-    block["frame"] = frame
     files[SURVEY_FILE] = _yaml(block).encode()
     return files
 

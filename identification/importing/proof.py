@@ -21,14 +21,14 @@ from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.columns import NEAR, wrong_column
 from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
+from identification.diagnosis.data_checks.steps import Step
 from identification.importing.axes_as_points import refuse_axes_as_points
 from identification.importing.exchanged_rows import CURE, FEWEST_PROVED, refuse_exchanged, refuse_few_exchanged
 from identification.importing.far_rows import far_rows
 from identification.importing.one_place import OnePlace, at_one_place, prove_one_place
 from identification.importing.other_orders import OtherOrder, in_a_plane, other_order
-from identification.importing.repeat_shift import LOCATED, RepeatShift, repeat_shift_of
+from identification.importing.repeat_shift import RepeatShift, displacement
 from identification.importing.standing import Standing, standings
-from identification.importing.steps import Step, find_step
 from identification.observation.assembly import build, frame_labels
 
 FOREIGN = 0.02  # of the points' reach: a rigid alignment of points that belong together leaves less; by judgement
@@ -147,13 +147,7 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
     um = 1e3 * distance
     figures = (float(np.sqrt(np.mean(um**2))), float(np.median(um)), float(um.max())) if len(um) else (np.nan,) * 3
     flat = len(parts) > 0 and all(len(p) >= FEWEST_PROVED and in_a_plane(p.nominal) for _, p in parts)
-    steps: list[Step | RepeatShift] = []
-    for own, p in parts:
-        repeated, step = repeat_shift_of(machine, survey, own), find_step(machine, survey, own, p)
-        if repeated is not None and (step is None or repeated.before - repeated.after <= LOCATED):  # it is known better
-            steps.append(repeated)
-        elif step is not None:
-            steps.append(step)
+    steps = [s for own, p in parts if (s := displacement(machine, survey, own, p)) is not None]
     return Proof(
         rows, nominal, measured, *figures, reach, repeats, 1e3 * scatter, dwell, wild, _follows(chain, survey), flat,
         tuple(steps), one_place=one_place,

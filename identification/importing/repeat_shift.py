@@ -13,10 +13,12 @@ import numpy as np
 
 from errormodel.approach import direction
 from errormodel.arrays import Array, Index
+from errormodel.chain import Chain
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED
-from identification.diagnosis.data_checks.blunder import groups
+from identification.diagnosis.data_checks.blunder import Points, groups, sheet
+from identification.diagnosis.data_checks.steps import Step, find_step
 
 FEWEST = 2.0  # of the sum of squares of a step: four commands measured once on either side
 LOCATED = 5  # rows between which a displacement is known to lie; beyond, twice as many repeats are asked for
@@ -53,12 +55,24 @@ class RepeatShift:
         )
 
 
-def repeat_notes(machine: Machine, survey: Survey) -> list[str]:
-    """Displacements that repeats of commands show, as notes of a fit; none looked for in large surveys."""
+def displacement_notes(machine: Machine, survey: Survey) -> list[str]:
+    """Displacements as notes of a fit; none looked for in large surveys."""
     if len(survey.table) > MOST_ROWS:
         return []
-    found = [repeat_shift_of(machine, survey, rows) for rows in groups(survey)]
+    chain, found = Chain(machine), list[RepeatShift | Step | None]()
+    for rows in groups(survey):
+        part = Points.of(chain, sheet(chain, survey.table.iloc[rows]), survey.frame == "fixed")
+        found.append(displacement(machine, survey, rows, part))
     return [shift.text for shift in found if shift is not None]
+
+
+def displacement(machine: Machine, survey: Survey, rows: Index, part: Points) -> RepeatShift | Step | None:
+    """A displacement among some rows: by repeats of commands, or by a step of the points (`part`) beside the machine's.
+
+    Of a step repeats say the size best, if they say where it is, too.
+    """
+    repeated, step = repeat_shift_of(machine, survey, rows), find_step(machine, survey, rows, part)
+    return repeated if repeated is not None and (step is None or repeated.before - repeated.after <= LOCATED) else step
 
 
 def repeat_shift_of(machine: Machine, survey: Survey, rows: Index) -> RepeatShift | None:

@@ -20,7 +20,7 @@ from errormodel.raw_formats.commanded_circle import CommandedCircle
 from errormodel.raw_formats.programme_poses import NO_END
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.surveys.columns import MEASURED, quantity_of
-from errormodel.surveys.file import Axes, RawEntry
+from errormodel.surveys.file import Axes, Frame, RawEntry
 from errormodel.surveys.raw import LEFT_OUT, READ_BACK, is_column, read_raw, with_map
 from errormodel.units import factor, is_unit
 from identification.importing.end_points import calibrated, end_points
@@ -63,6 +63,7 @@ class Wishes:
     sheet : of workbooks that have it.
     leave_out : rows that count for nothing, from 1, by the name of their file; under "" those of the only one.
     axes : of measured coordinates: "reference", or "tool" of a nest in the spindle.
+    frame : which rows share a measuring frame, as in survey.yaml; empty: found.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -84,6 +85,7 @@ class Wishes:
     axes: Axes = "reference"
     sheet: str = ""
     leave_out: Mapping[str, Sequence[int]] = field(default_factory=dict)
+    frame: Frame | Literal[""] = ""
 
     @property
     def observation(self) -> Observation | None:

@@ -26,6 +26,11 @@ WORDS: dict[What, str] = {
     "log": "log",
     "commands": "commands",
 }
+FRAMES = {
+    "per-file": "each file has a measuring frame of its own",
+    "per-run": "each run or station has a measuring frame of its own",
+    "fixed": "the measuring frame is that of the machine",
+}
 YEARS = 3e8  # s between two clocks: one has dates, the other counts from a start of its own
 ONE_PLACE_MM = 0.01  # commands of one place are rounded, the coarsest to a hundredth
 MINUTE = 120.0  # s: longer offsets are said in minutes
@@ -66,11 +71,7 @@ def _joined(imported: Imported) -> Iterator[str]:
             yield f"  {note}"
     yield from _channels(imported)
     if imported.frame != "shared":
-        frames = {
-            "per-file": "each file has a measuring frame of its own",
-            "per-run": "each station has one of its own",
-        }
-        yield f"  {frames[imported.frame]}: another one for all does not fit"
+        yield f"  {FRAMES[imported.frame]}"
 
 
 def _channels(imported: Imported) -> Iterator[str]:

@@ -119,7 +119,7 @@ class _Streaming:
         try:
             self.first = passed(machine, self.survey, lambda: fit_machine(machine, self.survey))
         except InputError as error:
-            if error.cure != OWN_RUN:
+            if OWN_RUN not in error.cure:
                 raise
             raise InputError(error.where, error.found, OWN_FILE) from error
         if any(not isinstance(v, PositionView) for v in self.first.problem.views):

@@ -15,7 +15,7 @@ from errormodel.chain import Chain
 from errormodel.raw_formats.sensor_names import sensor_of
 from identification import import_survey
 from identification.diagnosis.data_checks.blunder import Points, sheet
-from identification.importing.steps import find_step
+from identification.diagnosis.data_checks.steps import find_step
 from tests.helpers.chains import errors
 from tests.helpers.commands import done
 from tests.helpers.importing import FRAME, MILL, points, poses, programme, spatialanalyzer

@@ -24,6 +24,7 @@ from identification.diagnosis.data_checks.duplicates_and_clock import copied_row
 from identification.diagnosis.data_checks.hand import left_handed
 from identification.diagnosis.data_checks.opposite_readings import find_opposite_readings
 from identification.diagnosis.data_checks.rows import refuse_other_targets, wrong_rows
+from identification.diagnosis.data_checks.steps import refuse_steps
 from identification.diagnosis.data_checks.unrelated import refuse_still_joint, refuse_unrelated
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 
@@ -37,7 +38,7 @@ def find_blunders(machine: Machine, survey: Survey, log: DecisionLog = UNRECORDE
     ------
     InputError
         What was measured has nothing to do with what was commanded, or lies in several frames of which the survey says
-        nothing.
+        nothing, or was displaced by millimetres from a row on.
     """
     chain = Chain(machine)
     gates: list[Callable[[Survey], Blunder | None]] = [
@@ -58,6 +59,7 @@ def find_blunders(machine: Machine, survey: Survey, log: DecisionLog = UNRECORDE
     if len(out) >= MOST_BLUNDERS:
         log.add("most-mistakes", "refused", "survey", len(out), MOST_BLUNDERS)
     refuse_unrelated(chain, survey, log)
+    refuse_steps(machine, survey)
     return out
 
 

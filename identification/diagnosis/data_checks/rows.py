@@ -41,7 +41,10 @@ MOVED = 20.0  # times what is small: a frame that moved less is an effect of its
 THINNED = 600  # rows, to find an order
 UNITS = {25.4: ("inch", "mm"), 1000.0: ("m", "mm"), 1000 / 25.4: ("m", "inch")}  # usual mistakes, by how many times
 ALIKE = 0.2  # relative difference of spreads of poses that were drawn alike; by judgement
-OWN_RUN = "Give them a run of their own (column run) and say frame: per-run in a survey.yaml"
+OWN_RUN = (
+    "Give them a run of their own (column run) and say frame: per-run in a survey.yaml (--frame per-run of "
+    "`errormodel import`)"
+)
 OWN_FILE = "Give them a file of their own and say frame: per-file in a survey.yaml"  # where rows are streamed
 
 

@@ -8,12 +8,16 @@ import numpy as np
 
 from errormodel.approach import direction
 from errormodel.arrays import Index
+from errormodel.chain import Chain
+from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED
-from identification.diagnosis.data_checks.blunder import Points
-from identification.importing.exchanged_rows import FEWEST_PROVED
+from identification.diagnosis.data_checks.blunder import Points, groups, sheet
+from identification.diagnosis.data_checks.rows import OWN_RUN
 
+FEWEST_BEHIND = 5  # rows on either side of a step: three fit any frame, four nearly
+LARGEST_MM = 2.0  # of what slips by itself, or of a target put on anew: tenths; more is another set-up; by judgement
 FEWEST_BESIDE = 2.0  # rows a column of the smooth model: fewer let it follow a step; by judgement
 GAIN = 4.0  # times less variance must a step leave than the smooth model: by chance, or a machine's errors, none does
 SUDDEN = 2.0  # times less than a ramp over the rows leaves: a drift is no step
@@ -29,14 +33,40 @@ class Step:
     size_um: float
 
     @property
-    def text(self) -> str:
-        """A sentence for the proof."""
+    def found(self) -> str:
+        """What was found."""
         size = f"{self.size_um:.3g} um" if self.size_um < 1e3 else f"{self.size_um / 1e3:.3g} mm"
         return (
-            f"from row {self.row} on the points lie {size} beside where those before it let expect ({self.file}): the "
-            "station, the target or the machine was displaced there. Give these rows a run of their own and say "
-            "frame: per-run, or measure again"
+            f"from row {self.row} on the points lie {size} beside where those before it let expect: the station, "
+            "the target, the probe or the machine was displaced there"
         )
+
+    @property
+    def text(self) -> str:
+        """A sentence for the proof."""
+        return f"{self.file}: {self.found}. {OWN_RUN}. Or measure again"
+
+    @property
+    def large(self) -> bool:
+        """Whether it is more than what slips by itself, which an effect may describe."""
+        return self.size_um > 1e3 * LARGEST_MM
+
+
+def large_steps(machine: Machine, survey: Survey) -> list[Step]:
+    """Of each file and measuring frame the step that is too large for an effect, if there is one."""
+    chain, found = Chain(machine), list[Step]()
+    for rows in groups(survey):
+        part = Points.of(chain, sheet(chain, survey.table.iloc[rows]), survey.frame == "fixed")
+        step = find_step(machine, survey, rows, part)
+        if step is not None and step.large:
+            found.append(step)
+    return found
+
+
+def refuse_steps(machine: Machine, survey: Survey) -> None:
+    """InputError where the set-up was another from some row on, which parameters and effects would follow."""
+    for step in large_steps(machine, survey):
+        raise InputError(step.file, step.found, f"{OWN_RUN}. Or measure again")
 
 
 def find_step(machine: Machine, survey: Survey, rows: Index, part: Points) -> Step | None:
@@ -61,7 +91,7 @@ def find_step(machine: Machine, survey: Survey, rows: Index, part: Points) -> St
     n = len(base)
     u, s, _ = np.linalg.svd(base, full_matrices=False)
     u = u[:, s > 1e-9 * s[0]]
-    if n < FEWEST_BESIDE * u.shape[1] or n < 4 * FEWEST_PROVED:
+    if n < FEWEST_BESIDE * u.shape[1] or n < 4 * FEWEST_BEHIND:
         return None
     residual = table[list(MEASURED)].to_numpy(dtype=np.float64) - part.pose().apply(part.nominal)
     residual = residual - u @ (u.T @ residual)
@@ -71,7 +101,7 @@ def find_step(machine: Machine, survey: Survey, rows: Index, part: Points) -> St
     count = np.arange(n, 0, -1)
     free = count - np.sum(known**2, axis=1)
     usable = free > OWN * count * (n - count) / n
-    usable[:FEWEST_PROVED] = usable[n - FEWEST_PROVED + 1 :] = False
+    usable[:FEWEST_BEHIND] = usable[n - FEWEST_BEHIND + 1 :] = False
     if not usable.any() or smooth <= 0:
         return None
     gain = np.where(usable, np.sum(behind**2, axis=1) / np.where(usable, free, 1.0), 0.0)
