@@ -124,7 +124,8 @@ def import_(
         command_units=_pairs(command_units, "--command-units"), format=form, command_format=command_format,
         sheet=sheet, dates=dates or "", joint=joint, offsets=offsets, at=after, dialect=dialect,
         observation=observation, axes=axes, frame=frame or "", leave_out=leave_out, dwells=not no_dwells,
-        log_offset=log_offset, centre=_positions(centre), plane=plane, radius=radius, start=start, seed=seed, progress=working,
+        log_offset=log_offset, centre=_positions(centre), plane=plane, radius=radius, start=start, seed=seed,
+        progress=working,
     )  # fmt: skip
     show_notes(result.notes)
     result.save(out)

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 CHANCE = 1e-4  # that so many repeats agree to the last digit of a coarse reading
-COARSE = 20.0  # steps of the last digit: where the noise is larger, three components do not agree by chance
 DIGITS = 9  # behind the decimal point, mm
 FINEST_DIGITS = 6  # behind the decimal point, mm: no instrument repeats a point of a machine to a nanometre
 REPEATS = 3  # that differ: fewer do not tell what repeats look like
@@ -85,22 +84,26 @@ def _without(table: pd.DataFrame, rows: Index) -> pd.DataFrame:
     return new
 
 
-def _noisy(chain: Chain, rest: Survey) -> bool:
-    """Whether a fit of the other rows leaves so much above the last digit of the readings that no repeat agrees.
+def _agreeing(chain: Chain, rest: Survey) -> float:
+    """Probability that a repeat agrees in all components to the last digit, by the noise that the other rows show.
 
-    Rows too few for a fit leave nothing; then no instrument agrees with itself to the last of so many digits.
+    Two normal readings of standard deviation s, rounded to steps d, are alike with d / (2 sqrt(pi) s). Rows too few for
+    a fit leave nothing; then no instrument agrees with itself to the last of so many digits.
     """
     from identification.estimation.fit import fit_machine
 
     values = rest.measured[np.isfinite(rest.measured)]
     digits = next((d for d in range(DIGITS) if np.allclose(values, values.round(d), rtol=0.0, atol=1e-12)), DIGITS)
+    unknown = 0.0 if digits > FINEST_DIGITS else 1.0
     try:
         fit = fit_machine(chain.machine, rest)
     except (InputError, np.linalg.LinAlgError):
-        return digits > FINEST_DIGITS
-    if fit.solution.dof <= 0:
-        return digits > FINEST_DIGITS
-    return bool(1e-3 * fit.fitted.rms_um > COARSE * 10.0**-digits)
+        return unknown
+    dof, count = fit.solution.dof, sum(v.count for v in fit.problem.views)
+    if dof <= 0:
+        return unknown
+    noise = 1e-3 * fit.fitted.rms_um * np.sqrt(count / dof / 3)  # of a coordinate
+    return float(min(10.0**-digits / (2 * np.sqrt(np.pi) * max(noise, 1e-12)), 1.0) ** 3)
 
 
 def _commands(chain: Chain) -> list[str]:
@@ -131,7 +134,9 @@ def _agree_anywhere(table: pd.DataFrame, chain: Chain, count: int, rest: Survey)
     """Whether so many rows could agree, as those of other poses do in a large table of nearly equal ones."""
     from scipy.stats import poisson
 
-    return bool(poisson.sf(count - 1, _coincidences(table)) > CHANCE) or not _noisy(chain, rest)
+    return bool(poisson.sf(count - 1, _coincidences(table)) > CHANCE) or bool(
+        poisson.sf(count - 1, count * _agreeing(chain, rest)) > CHANCE
+    )
 
 
 def _coincidences(table: pd.DataFrame) -> float:

@@ -48,7 +48,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "copied-rows": Rule(
             DATA, COUNT, "Rows that repeat earlier readings to the last digit are left out.",
-            _in(_COPIES, "CHANCE", "COARSE", "REPEATS"),
+            _in(_COPIES, "CHANCE", "REPEATS"),
         ),
         "clock-set-back": Rule(
             DATA, COUNT, "Time that falls back within a run is taken to go on.", _in(_COPIES, "RESETS")
