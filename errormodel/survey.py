@@ -32,6 +32,7 @@ from errormodel.surveys.columns import (
     check_map,
     check_units,
 )
+from errormodel.surveys.diameters import refuse_diameters
 from errormodel.surveys.file import (
     BudgetEntry,
     FileEntry,
@@ -245,6 +246,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
         rotation = (x, y, z)
     touched = list[str]()
     if measured:
+        refuse_diameters(table, machine)
         table, touched = with_nominal_commands(table, machine, form.frame, rotation)
         notes |= dict.fromkeys(touched)
     return Survey(

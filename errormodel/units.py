@@ -31,6 +31,18 @@ UNIT_EXAMPLES: dict[str, str] = {
     "speed": "mm/min, mm/s or m/min",
     "mass": "kg, g or lb",
 }
+# before a unit of length, or alone for mm: of a joint across the axis of a turned part, which moves by half of it
+DIAMETER = "diameter"
+
+
+def of_diameters(unit: str, within: str) -> str:
+    """A unit as it is; of ``diameter`` alone with the unit `within` which the numbers stand."""
+    return f"{DIAMETER} {within}" if unit == DIAMETER and within not in ("", "mm") else unit
+
+
+def _of_radius(unit: str) -> str:
+    """The unit of length of a diameter."""
+    return unit.removeprefix(DIAMETER).strip() or "mm"
 
 
 @cache
@@ -43,8 +55,11 @@ def _registry() -> pint.UnitRegistry[float]:
 def is_unit(unit: str, quantity: str) -> bool:
     """Whether a word (for speeds and slopes two words with a slash) is a unit of that quantity.
 
-    Angles are slopes as well: 1 um/m is 1 urad, to a third of the cube of the angle.
+    Angles are slopes as well: 1 um/m is 1 urad, to a third of the cube of the angle. ``diameter`` and ``diameter inch``
+    are lengths, twice the way of a joint across the axis of a turned part.
     """
+    if quantity == "length" and unit.split(" ", maxsplit=1)[0] == DIAMETER:
+        return _of_radius(unit).split(" ")[0] != DIAMETER and is_unit(_of_radius(unit), "length")
     if unit == INTERNAL_UNITS[quantity] or unit == "deg":  # usual units, without loading Pint
         return unit != "deg" or quantity == "angle"
     if not re.fullmatch(r"[^\W\d_]+(/[^\W\d_]+)?|°C?", unit):  # Pint would evaluate an expression such as 10**10**10
@@ -71,17 +86,19 @@ class UnitsBlock(FileModel):
     @classmethod
     def _fits(cls, unit: str, info: ValidationInfo) -> str:
         quantity = {"reading": "angle"}.get(str(info.field_name), str(info.field_name))
-        if not is_unit(unit, quantity):
+        if not is_unit(unit, quantity) or unit.startswith(DIAMETER):  # which single columns are
             raise ValueError(f"Write a unit of {quantity}, such as {UNIT_EXAMPLES[quantity]}")
         return unit
 
 
 def to_internal(values: NDArray[np.float64], unit: str, quantity: Quantity) -> NDArray[np.float64]:
-    """Convert an array from `unit` into mm, rad, s, degC, mm/min or kg; NaN stays NaN."""
+    """Convert an array from `unit` into mm (of diameters: of radius), rad, s, degC, mm/min or kg; NaN stays NaN."""
     if unit == INTERNAL_UNITS[quantity]:
         return values
     if unit == "deg":
         return np.deg2rad(values)
+    if unit.startswith(DIAMETER):
+        return to_internal(values, _of_radius(unit), quantity) / 2
     converted: NDArray[np.float64] = _registry().Quantity(values, unit).to(INTERNAL_UNITS[quantity]).magnitude
     return converted
 

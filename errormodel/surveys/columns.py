@@ -14,7 +14,7 @@ from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, enumerated, nearest
 from errormodel.formats.base import Table
 from errormodel.machine import Joint, Machine
-from errormodel.units import INTERNAL_UNITS, UNIT_EXAMPLES, Quantity, is_unit
+from errormodel.units import INTERNAL_UNITS, UNIT_EXAMPLES, Quantity, is_unit, of_diameters
 from errormodel.yamlfile import Document, shown
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def unit_of_column(name: str, quantity: Quantity, units: SurveyUnits) -> str:
     """Unit of a column: as stated for it, or for the reading that it is the uncertainty of, else that of its kind."""
     for own in (name, _READING_OF.get(name)):
         if own in units.of_columns:
-            return str(units.of_columns[own])
+            return of_diameters(str(units.of_columns[own]), units.length)
     if name in ("angle", "u_angle"):
         return units.reading
     plain = name in ANGLE_COLUMNS or quantity in ("speed", "mass")

@@ -39,7 +39,7 @@ from errormodel.surveys.means import averaged
 from errormodel.surveys.pairs import PairTable, read_pairs
 from errormodel.surveys.side_by_side import one_below_the_other, reading_of
 from errormodel.surveys.tool_axes import in_reference
-from errormodel.units import UNIT_EXAMPLES, is_unit, to_internal
+from errormodel.units import UNIT_EXAMPLES, is_unit, of_diameters, to_internal
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -199,7 +199,8 @@ def _unit_read(entry: RawEntry, machine: Machine, name: str, stated: str) -> str
     """The unit as which a column is read: said of it, stated in the file, said of its kind, or the usual one."""
     quantity = quantity_of(plain_column(name), machine) or ""
     kind = entry.units.get(quantity, "") if not stated and name not in entry.units else ""
-    return unit_word(entry.units.get(name, stated or kind or _usual(name, machine)))
+    within = stated or entry.units.get(quantity, "")
+    return of_diameters(unit_word(entry.units.get(name, stated or kind or _usual(name, machine))), unit_word(within))
 
 
 def _converted(entry: RawEntry, machine: Machine, name: str, column: Any, unit: str) -> Any:

@@ -15,6 +15,7 @@ import numpy as np
 from errormodel.arrays import Array, Index, rotation_matrix
 from errormodel.machine import Machine, Vector
 from errormodel.surveys.columns import MEASURED
+from errormodel.surveys.diameters import cross_slides, looks_like_diameters
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,10 +38,37 @@ def with_nominal_commands(
     ----------
     rotation : stated rotation (Rx, Ry, Rz; rad) of the machine's reference into the measuring frame, or
         None. Then it is none, or that of the places where these are as far apart but turned.
+
+    Raises
+    ------
+    InputError
+        More rows are about such places if a lathe's cross slide was read in diameters.
     """
+    of_place = _repeated(table, machine, frame)
+    if not of_place:
+        return table, []
+    new, count, largest = _nominal(table, machine, frame, rotation, of_place)
+    for joint in cross_slides(machine):
+        halved = table.assign(**{joint.name: table[joint.name] / 2})
+        if (more := _nominal(halved, machine, frame, rotation, of_place)[1]) > count:
+            found = f"with half of it the touched places of {more} rows repeat, as it stands those of {count}"
+            file = str(table["file"].iloc[of_place[0][0]])
+            raise looks_like_diameters(joint.name, file, found, "If they are not, look for another mistake in it")
+    if not count:
+        return table, []
+    note = (
+        f"{count} rows have the place of what was touched as mx my mz and indicated positions of the axes as commands: "
+        "their commands are taken as those of the machine without errors, and what the indicated positions are beside "
+        f"these (up to {1e3 * largest:.3g} um) as what was measured. Tables of rows have both so"
+    )
+    return new, [note]
+
+
+def _repeated(table: pd.DataFrame, machine: Machine, frame: Frame) -> list[Index]:
+    """Rows of each measured point that comes several times, at several positions of the linear joints."""
     linear = [j.name for j in machine.joints if j.type == "prismatic"]
     if len(linear) < 3:
-        return table, []
+        return []
     frames = {"per-run": "run", "per-file": "file"}.get(frame)
     seen = np.flatnonzero(table[list(MEASURED)].notna().all(axis=1).to_numpy() & table[linear].notna().all(axis=1))
     labels = table[frames].to_numpy(dtype=object)[seen] if frames else np.full(len(seen), "", dtype=object)
@@ -50,10 +78,17 @@ def with_nominal_commands(
         places = [own[g] for g in table.iloc[own].groupby(list(MEASURED), sort=False).indices.values()]
         if len(own) >= FEWEST * len(places):  # else some reading was repeated, as by an instrument that had stopped
             of_place += [rows for rows in places if (table.iloc[rows][linear].nunique() > 1).any()]
-    if not of_place:
-        return table, []
+    return of_place
+
+
+def _nominal(
+    table: pd.DataFrame, machine: Machine, frame: Frame, rotation: Vector | None, of_place: list[Index]
+) -> tuple[pd.DataFrame, int, float]:
+    """The table with nominal commands, the number of rows that have them, and how far (mm) the indicated ones lie."""
     from errormodel.chain import Chain
 
+    linear = [j.name for j in machine.joints if j.type == "prismatic"]
+    frames = {"per-run": "run", "per-file": "file"}.get(frame)
     chain, new, count, largest = Chain(machine), table.copy(), 0, 0.0
     nominal = np.full((len(table), 3), np.nan)
     touched = dict[object, list[Index]]()
@@ -79,14 +114,7 @@ def with_nominal_commands(
             new.loc[part.index, linear] = part[linear]
             new.loc[part.index, list(MEASURED)] = measured[rows] - beside
             count, largest = count + len(rows), max(largest, float(np.abs(beside).max()))
-    if not count:
-        return table, []
-    note = (
-        f"{count} rows have the place of what was touched as mx my mz and indicated positions of the axes as commands: "
-        "their commands are taken as those of the machine without errors, and what the indicated positions are beside "
-        f"these (up to {1e3 * largest:.3g} um) as what was measured. Tables of rows have both so"
-    )
-    return new, [note]
+    return new, count, largest
 
 
 def _points(chain: Chain, part: pd.DataFrame) -> Array:

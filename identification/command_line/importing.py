@@ -41,7 +41,10 @@ if TYPE_CHECKING:
     "--columns", multiple=True, metavar="OURS=THEIRS,...", help="Of RAW: mx=East,my=-North; or point,mx,my,mz."
 )
 @click.option(
-    "--units", multiple=True, metavar="COLUMN=UNIT,...", help="Of RAW, where it states none: mx=m or length=inch."
+    "--units",
+    multiple=True,
+    metavar="COLUMN=UNIT,...",
+    help="Of RAW, where it states none: mx=m, length=inch or X=diameter.",
 )
 @click.option("--command-columns", multiple=True, metavar="OURS=THEIRS,...", help="The same of --commands.")
 @click.option("--command-units", multiple=True, metavar="COLUMN=UNIT,...", help="The same of --commands.")

@@ -17,6 +17,7 @@ from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED, ORIENTATION, TOOL_COLUMNS
+from errormodel.surveys.diameters import said
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, groups, misses, sheet
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.columns import NEAR, wrong_column
@@ -249,6 +250,8 @@ def _cure(blunder: Blunder) -> str:
         return f"{blunder.check[0].upper()}{blunder.check[1:]}"
     if "too late" in text or "too early" in text or "another order" in text:
         return CURE
+    if blunder.in_diameters:
+        return said(blunder.in_diameters)
     if DEGREES in text:
         return "The angles are in rad: say it with --command-units angle=rad (of one table, --units angle=rad)"
     if "frame" in text:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.raw_formats.base import Asked, format_of, open_raw
+from errormodel.surveys.diameters import DiametersError
 
 if TYPE_CHECKING:
     from identification.sources import AnySurvey
@@ -26,6 +27,8 @@ def with_hint(survey: AnySurvey, machine: Machine) -> Iterator[None]:
     """
     try:
         yield
+    except DiametersError:  # of a table that was read
+        raise
     except InputError as error:
         path = Path(survey) if isinstance(survey, str | Path) else None
         if path is None or not path.is_file() or path.suffix.lower() in (".yaml", ".yml"):

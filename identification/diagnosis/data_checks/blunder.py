@@ -61,6 +61,12 @@ class Blunder:
         return bool(self.others) or self.of_machine
 
     @property
+    def in_diameters(self) -> str:
+        """The only column that is wrong, where it has diameters for radii; else empty."""
+        one = self.changes[0] if len(self.changes) == 1 and not self.open else None
+        return one.column if one is not None and one.factor == 0.5 and not one.swap else ""
+
+    @property
     def doubt(self) -> str:
         """That the recording does not tell which columns are wrong, as a sentence; empty where it does."""
         if not self.others:

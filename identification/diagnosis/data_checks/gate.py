@@ -20,6 +20,7 @@ from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED
+from errormodel.surveys.diameters import said
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, groups, listed, misses, sheet
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
@@ -164,6 +165,8 @@ def _cure(blunder: Blunder) -> str:
     if len(swaps) == len(blunder.changes) == 1 and swaps[0].factor == 1 and "left-handed" not in blunder.text:
         one, other = swaps[0].column, swaps[0].swap
         cure = f"Write columns: {{{one}: {other}, {other}: {one}}} in a survey.yaml, or {cure[0].lower()}{cure[1:]}"
+    if blunder.in_diameters:
+        cure = said(blunder.in_diameters)
     return f"{cure}. `errormodel diagnose` puts it right by itself and goes on"
 
 
