@@ -21,7 +21,7 @@ from identification.diagnosis.data_checks.readings import (
     refuse_exchanged,
     refuse_exchanged_names,
 )
-from identification.diagnosis.data_checks.temperature_sensors import faults, incomplete
+from identification.diagnosis.data_checks.temperature_sensors import copies, faults, incomplete
 from identification.estimation.checks import refuse_far_readings
 from identification.estimation.fit import anchored, nominal_readings
 from identification.importing.proof import Proof, prove
@@ -172,7 +172,7 @@ def _channels(survey: Survey) -> Iterator[str]:
     else:
         yield "no time: drift does not show"
     sensors = [str(c) for c in table if str(c).startswith("T_")]
-    wrong = faults(table)
+    wrong = copies(table) | faults(table)
     for name in sensors:
         values = table[name].to_numpy(dtype=np.float64)
         seen = values[np.isfinite(values)]

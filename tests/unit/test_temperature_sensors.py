@@ -10,6 +10,7 @@ import pandas as pd
 from errormodel.instruments.plain import Plain
 from errormodel.machine_file import read_machine
 from errormodel.survey import Survey
+from errormodel.surveys.temperatures import fahrenheit_notes
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
 
 
@@ -45,6 +46,29 @@ def test_dead_sensors() -> None:
         "T_room": "goes from 24.58 to 76.26 at row 151, as from degC to degF",
         "T_oven": "160 degC in all rows",
     }
+
+
+def test_a_copy_of_a_sensor_drives_nothing() -> None:
+    """Gaps are copied as well; sensors that never change may be alike."""
+    rng, t = np.random.default_rng(1), np.arange(200)
+    one = np.round(20 + 0.02 * t + rng.normal(0, 0.05, 200), 2)
+    noisy = np.round(one + rng.normal(0, 0.05, 200), 2)
+    still = np.full(200, 20.0)
+    said = dead_sensors(thermal(T_1=one, T_2=one.copy(), T_3=noisy, T_4=still, T_5=still))
+    assert said == {"T_2": "the same as T_1 in all 200 rows, a copy"}
+
+
+def test_degrees_fahrenheit_beside_celsius_are_asked_about() -> None:
+    t = np.arange(100)
+    bed, air = 18.5 + 0.01 * t, np.full(100, 18.6)
+    (note,) = fahrenheit_notes(pd.DataFrame({"T_bed": 1.8 * bed + 32, "T_air": air, "T_room": air + 0.5}))
+    assert note.startswith("T_bed is 65.3 to 67.08 degC where T_air is 18.6 to 18.6")
+    assert "units: {T_bed: degF}" in note
+    assert "--units T_bed=degF" in note
+    spindle = 20 + 46 * (1 - np.exp(-t / 10))  # it begins where the room is
+    alone, near = pd.DataFrame({"T_bed": 1.8 * bed + 32}), pd.DataFrame({"T_oil": 32 + 0 * bed, "T_air": air})
+    for table in (pd.DataFrame({"T_spindle": spindle, "T_air": air}), alone, near):
+        assert not list(fahrenheit_notes(table))
 
 
 def test_quick_sensors_are_alive() -> None:

@@ -1,4 +1,4 @@
-"""Temperature sensors that are dead, stuck, torn off or loose, and settings with gaps: they drive no effects."""
+"""Temperature sensors that are dead, stuck, torn off, loose or copies, and settings with gaps: they drive no effects."""
 
 from __future__ import annotations
 
@@ -35,7 +35,21 @@ def dead_sensors(survey: Survey) -> dict[str, str]:
     A sensor that follows something quick (a nozzle, a motor) is not dead: it moves on, or stays where it went.
     """
     table = survey.fit.table
-    return faults(table) | incomplete(table)
+    return copies(table) | faults(table) | incomplete(table)
+
+
+def copies(table: pd.DataFrame) -> dict[str, str]:
+    """Temperatures that are those of an earlier column in all rows, each with which: no two sensors have one noise."""
+    first: dict[bytes, str] = {}
+    reasons = {}
+    for name in (str(c) for c in table.columns if str(c).startswith("T_")):
+        values = table[name].to_numpy(dtype=np.float64) + 0.0
+        if np.isnan(values).all() or np.nanmin(values) == np.nanmax(values):
+            continue
+        one = first.setdefault(np.where(np.isnan(values), np.nan, values).tobytes(), name)
+        if one != name:
+            reasons[name] = f"the same as {one} in all {len(table)} rows, a copy"
+    return reasons
 
 
 def incomplete(table: pd.DataFrame) -> dict[str, str]:
