@@ -49,8 +49,8 @@ from errormodel.surveys.plausibility import check_sizes
 from errormodel.surveys.record import RecordForm
 from errormodel.surveys.states import planned
 from errormodel.surveys.target_places import places_of
-from errormodel.surveys.touched_places import with_nominal_commands
 from errormodel.surveys.temperatures import fahrenheit_notes
+from errormodel.surveys.touched_places import with_nominal_commands
 from errormodel.surveys.travels import travel_notes
 from errormodel.yamlfile import Document
 

@@ -54,8 +54,9 @@ def test_a_copy_of_a_sensor_drives_nothing() -> None:
     one = np.round(20 + 0.02 * t + rng.normal(0, 0.05, 200), 2)
     noisy = np.round(one + rng.normal(0, 0.05, 200), 2)
     still = np.full(200, 20.0)
-    said = dead_sensors(thermal(T_1=one, T_2=one.copy(), T_3=noisy, T_4=still, T_5=still))
+    said = dead_sensors(thermal(T_1=one, T_2=one.copy(), T_3=noisy))
     assert said == {"T_2": "the same as T_1 in all 200 rows, a copy"}
+    assert dead_sensors(thermal(T_4=still, T_5=still)) == {}
 
 
 def test_degrees_fahrenheit_beside_celsius_are_asked_about() -> None:
