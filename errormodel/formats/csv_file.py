@@ -8,7 +8,7 @@ import re
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +31,7 @@ AS_IT_IS = ", or take it in as it is with `errormodel import`"  # of a file as a
 _HEADER_BYTES = 1 << 18  # bytes within which the header must end
 _PART_CELLS = 100_000  # cells that are read at a time: some MB
 _COMMA_TO_POINT = str.maketrans({",": ".", ".": "?"})  # a point in a number with decimal commas makes it none
+_NUMBER = re.compile(r"[-+]?[\d.,]+(e[-+]?\d+)?", re.IGNORECASE)  # with a decimal point or comma
 _NOT_UTF8 = re.compile("[\udc80-\udcff]")  # what stands for a byte that is not UTF-8
 
 
@@ -276,6 +277,8 @@ def open_table(path: Path, name: str) -> Table:
     if b"\0" in head:
         raise InputError(name, "not a text file", "Give CSV in UTF-8, or Parquet with the suffix .parquet")
     text = head.decode("utf-8-sig", errors="replace")
+    above = _comments(text.splitlines())
+    text = "".join(text.splitlines(keepends=True)[above:])
     first = next((line for line in text.splitlines() if line.strip()), "")
     if not first:
         raise InputError(name, "an empty file", "Give a header with the columns' names and a row a pose")
@@ -286,16 +289,32 @@ def open_table(path: Path, name: str) -> Table:
         names = next((fields for fields in reader if "".join(fields).strip()), [])
     except csv.Error as error:
         raise InputError(f"{name}, line 1", f"not readable as CSV: {error}", "Write it again as plain CSV") from error
-    where = f"{name}, header (line {reader.line_num})"
+    where = f"{name}, header (line {above + reader.line_num})"
     columns = tuple(" ".join(n.split()) for n in names)
     if not columns:
         raise InputError(name, "no columns' names", "Give a header with the columns' names and a row a pose")
     if any("\ufffd" in n for n in columns):
         raise InputError(where, "bytes that are not UTF-8", f"Save the file as UTF-8{AS_IT_IS}")
-    if all(re.fullmatch(r"[-+]?[\d.]+(e[-+]?\d+)?", n, re.IGNORECASE) for n in columns if n):
+    if all(_NUMBER.fullmatch(n) for n in columns if n):
         raise InputError(
             where, "numbers where the columns' names belong", f"Put a line with the names above the data{AS_IT_IS}"
         )
     if len(columns) == 1 and " " in columns[0]:
         raise InputError(where, f"one column, '{columns[0]}'", f"Separate the columns with commas{AS_IT_IS}")
-    return CsvTable(path, name, columns, delimiter, reader.line_num)
+    return CsvTable(path, name, columns, delimiter, above + reader.line_num)
+
+
+def _comments(lines: Sequence[str]) -> int:
+    """Number of lines above the header, where the first ones begin with ``#``; a header may begin so as well.
+
+    Below a comment another one follows, or names: cells none of which is a number.
+    """
+    full = [k for k, line in enumerate(lines) if line.strip()]
+    header = 0
+    for k, below in pairwise(full):
+        delimiter = max(_DELIMITER_WORDS, key=lines[below].count)
+        cells = [cell.strip() for cell in lines[below].split(delimiter)]
+        if not lines[k].lstrip().startswith("#") or any(map(_NUMBER.fullmatch, cells)):
+            break
+        header = below
+    return header

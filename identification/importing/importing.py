@@ -121,7 +121,7 @@ def import_files(
         cure = f"Leave it out, or say which column they are: --columns {wishes.observation.reading}=.."
         raise InputError(str(raws[0]), found, cure)
     if not points and not motions and not traces and not single:
-        raise InputError(str(raws[0]), "nothing measured in it but channels of a log", "Give the measured file too")
+        raise InputError(str(raws[0]), "nothing measured in it but channels of a log", _of_a_log(sources, machine))
     if commanded is None:
         for source in (*points, *single):
             _refuse_no_commands(source, machine)
@@ -290,6 +290,19 @@ def _other_targets(points: Sequence[SourceFile]) -> str:
                 shown = ", ".join(words[:3])
                 return f". If the column {name} ({shown}) names the reflectors, say --columns target={name}"
     return ""
+
+
+def _of_a_log(sources: Sequence[SourceFile], machine: Machine) -> str:
+    """What to do with files in which nothing is measured, but where the axes stood may be."""
+    cure = "Give the measured file too"
+    axes = [j.name for j in machine.joints]
+    if any({*axes} <= {*map(str, s.recording.frame)} | {*s.entry.columns} for s in sources):
+        cure += (
+            f". If {' '.join(axes)} are what the axes indicated at a ball, a mandrel or a bore that was probed, add "
+            "columns mx my mz with its place, the same in all its rows (in the coordinates of the part, or 0 with a run "
+            "and frame: per-run for each)"
+        )
+    return cure
 
 
 def _refuse_no_commands(source: SourceFile, machine: Machine) -> None:

@@ -6,6 +6,7 @@ exchanged or of another frame). A join that holds one is refused, with what fits
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,6 +45,7 @@ MIRROR_CURE = (
     "commands. Turn it where it is wrong: --columns mz=-Z or mx=Y,my=X (mz=-mz, mx=my,my=mx of formats that name their "
     "columns), or --command-columns with the sign or exchange of a joint"
 )
+SPOKEN = 80  # characters of rows in a message
 UNIT_SLACK = 0.02  # of a factor: errors of a machine are far smaller
 
 
@@ -169,7 +171,7 @@ def refuse_instead_of_target(machine: Machine, survey: Survey) -> None:
         )
         if right.misfit() / right.reach > NEAR * displaced.misfit() / displaced.reach:
             return
-    raise InputError(_place(survey), f"{found.text}{misses(found)}{found.doubt}", _cure(found))
+    raise InputError(_place(survey), f"{found.text}{misses(found)}{found.doubt}", _cure(found, machine))
 
 
 def with_other_order(machine: Machine, survey: Survey, proof: Proof) -> Proof:
@@ -241,24 +243,44 @@ def _refuse_mistakes(machine: Machine, survey: Survey, parts: list[tuple[Index, 
         refuse_exchanged(parts, survey, FOREIGN)
         return
     text = "; and ".join(f"{b.text}{misses(b)}{b.doubt}" for b in found)
-    raise InputError(_place(survey), text, _cure(found[0]))
+    raise InputError(_place(survey), text, _cure(found[0], machine))
 
 
-def _cure(blunder: Blunder) -> str:
+def _in_radians(blunder: Blunder, machine: Machine) -> str:
+    """What says that the columns which a mistake is about are in radians."""
+    named = {c.column for c in blunder.changes}
+    every = {j.name for j in machine.joints if j.type == "rotary"} <= named or not named
+    units = "angle=rad" if every else ",".join(f"{j.name}=rad" for j in machine.joints if j.name in named)
+    what = "The angles are" if every else f"{' '.join(sorted(named))}: the angles are"
+    return f"{what} in rad: say it with --command-units {units} (of one table, --units {units})"
+
+
+def _cure(blunder: Blunder, machine: Machine) -> str:
     text = blunder.text
     if blunder.open:
         return f"{blunder.check[0].upper()}{blunder.check[1:]}"
     if "too late" in text or "too early" in text or "another order" in text:
         return CURE
-    if blunder.in_diameters:
-        return said(blunder.in_diameters)
-    if DEGREES in text:
-        return "The angles are in rad: say it with --command-units angle=rad (of one table, --units angle=rad)"
     if "frame" in text:
         return "Import the files of each station by themselves, or say --columns station=.."
     if "repeat what earlier rows measured" in text:
-        return "A copy is no reading: leave it out with --leave-out and its rows"
+        rows = _stretches(blunder.rows or ())
+        return f"A copy is no reading: leave it out with --leave-out {rows if len(rows) <= SPOKEN else 'and its rows'}"
+    if blunder.rows:
+        rows = _stretches(blunder.rows)
+        rest = f": --leave-out {rows}" if len(rows) <= SPOKEN else " with --leave-out and their numbers"
+        return f"--columns is of all rows: correct these in a copy of the table, or leave them out{rest}"
+    if blunder.in_diameters:
+        return said(blunder.in_diameters)
+    if DEGREES in text:
+        return _in_radians(blunder, machine)
     return "Say it with --columns, such as my=-Y (other sign) or mx=Y,my=X, or with --units; or --command-columns"
+
+
+def _stretches(rows: Sequence[int]) -> str:
+    """Rows as --leave-out takes them: 8,20,51-80."""
+    parts = np.split(np.array(rows), np.flatnonzero(np.diff(rows) != 1) + 1)
+    return ",".join(f"{p[0]}-{p[-1]}" if len(p) > 1 else f"{p[0]}" for p in parts)
 
 
 def _repeats(machine: Machine, survey: Survey, rows: Index) -> tuple[int, float]:

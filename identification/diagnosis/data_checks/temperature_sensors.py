@@ -1,4 +1,4 @@
-"""Temperature sensors that are dead, stuck, torn off, loose or copies, and settings with gaps: they drive no effects."""
+"""Temperature sensors that are dead, stuck, torn off, loose or copies, and settings with gaps: these drive nothing."""
 
 from __future__ import annotations
 
