@@ -299,8 +299,8 @@ def _of_a_log(sources: Sequence[SourceFile], machine: Machine) -> str:
     if any({*axes} <= {*map(str, s.recording.frame)} | {*s.entry.columns} for s in sources):
         cure += (
             f". If {' '.join(axes)} are what the axes indicated at a ball, a mandrel or a bore that was probed, add "
-            "columns mx my mz with its place, the same in all its rows (in the coordinates of the part, or 0 with a run "
-            "and frame: per-run for each)"
+            "columns mx my mz with its place, the same in all its rows (in the coordinates of the part, or 0 with a "
+            "run and frame: per-run for each)"
         )
     return cure
 

@@ -42,7 +42,7 @@ def test_one_joint_in_radians_is_named(table: pd.DataFrame, tmp_path: Path) -> N
     assert "--units J4=rad" in cure
     assert "angle=rad" not in cure
     import_survey(tmp_path / "arm.csv", ARM, units={"J4": "rad"})
-    assert "--units angle=rad" in refused(table.assign(**np.radians(table[AXES])), tmp_path)
+    assert "--units angle=rad" in refused(table.assign(**{n: np.radians(table[n]) for n in AXES}), tmp_path)
 
 
 def test_copies_are_named_as_they_are_left_out(table: pd.DataFrame, tmp_path: Path) -> None:
@@ -55,7 +55,9 @@ def test_comments_above_a_header_are_passed_over(above: str, tmp_path: Path) -> 
     commands = simulate(MILL, poses(1, 20), noise=0.002, seed=1)[["X", "Y", "Z", *XYZ]]
     path = tmp_path / "t.csv"
     path.write_text(above + commands.to_csv(index=False, sep=";", decimal=","))
-    pd.testing.assert_frame_equal(read_survey(path, read_machine(MILL)).table[["X", *XYZ]], commands[["X", *XYZ]], atol=1e-9)
+    pd.testing.assert_frame_equal(
+        read_survey(path, read_machine(MILL)).table[["X", *XYZ]], commands[["X", *XYZ]], atol=1e-9
+    )
 
 
 def test_a_header_may_begin_as_a_comment_does(tmp_path: Path) -> None:
