@@ -23,6 +23,9 @@ from errormodel.machine import Machine, joint_of
 DEFECT_WIDTH_SHARES = (1 / 40, 1 / 25, 1 / 16)
 DEFECT_STEP_WIDTHS = 0.8  # distance of neighbouring candidates in widths; neighbours then correlate by 0.85
 FEWEST_DEFECT_ROWS = 4  # rows within one width of the centre; with fewer a defect cannot be distinguished from outliers
+# positions within one width that show its slope, a tenth of the width apart at least: at one position any slope fits,
+# which is ten times as large a little way beside it
+FEWEST_SLOPE_POSITIONS, APART = 3, 0.1
 
 
 class LocalDefect(JointEffect):
@@ -66,7 +69,9 @@ class LocalDefect(JointEffect):
             low, high = scene.span(joint)
             places = np.arange(low + width / 2, high, DEFECT_STEP_WIDTHS * width)
             near = np.searchsorted(positions, places + width) - np.searchsorted(positions, places - width, "right")
+            distinct = np.unique(np.round(positions / (APART * width))) * APART * width
             for at, motion in product(places[near >= FEWEST_DEFECT_ROWS].tolist(), MOTIONS):
                 yield cls(joint=joint.name, motion=motion, at=at, width=width)
-                if joint.type == "prismatic" and motion in across(joint, "d"):
+                sloped = np.count_nonzero(np.abs(distinct - at) < width) >= FEWEST_SLOPE_POSITIONS
+                if sloped and joint.type == "prismatic" and motion in across(joint, "d"):
                     yield cls(joint=joint.name, motion=motion, at=at, width=width, tilt=True)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 ACROSS = 0.02  # cosine: squarenesses are far smaller
 ONE_SIDED = 0.5  # of a travel's larger end: the other reaches less far beyond the axis of the part; by judgement
 BEYOND = 0.1  # of the positions lie beyond the travel: fewer may overrun it; by judgement
+FAR = 0.25  # of the travel, how far beyond it the farthest lies: diameters reach up to twice as far
 
 
 class DiametersError(InputError):
@@ -46,9 +47,8 @@ def refuse_diameters(table: pd.DataFrame, machine: Machine) -> None:
     for joint in cross_slides(machine):
         own = table[table["joint"] == joint.name]
         q, (low, high) = own[joint.name].to_numpy(dtype=np.float64), joint.travel
-        slack = 1e-6 * (high - low)
-        beyond = np.fmax(low - q, q - high) > slack
-        if not len(q) or beyond.mean() < BEYOND or (np.fmax(low - q / 2, q / 2 - high) > slack).any():
+        slack, off = 1e-6 * (high - low), np.fmax(low - q, q - high)
+        if not len(q) or (off > slack).mean() < BEYOND or np.nanmax(off) < FAR * (high - low) or (np.fmax(low - q / 2, q / 2 - high) > slack).any():
             continue
         found = f"positions from {np.nanmin(q):.6g} to {np.nanmax(q):.6g} mm, where it travels {low:.6g} to {high:.6g}"
         other = "If they are radii, correct its travel in machine.yaml"

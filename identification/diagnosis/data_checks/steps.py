@@ -17,7 +17,7 @@ from identification.diagnosis.data_checks.blunder import Points, groups, sheet
 from identification.diagnosis.data_checks.rows import OWN_RUN
 
 FEWEST_BEHIND = 5  # rows on either side of a step: three fit any frame, four nearly
-LARGEST_MM = 2.0  # of what slips by itself, or of a target put on anew: tenths; more is another set-up; by judgement
+LARGEST_MM = 10.0  # of what an effect still describes beside rows that are no outliers; more is another set-up
 FEWEST_BESIDE = 2.0  # rows a column of the smooth model: fewer let it follow a step; by judgement
 GAIN = 4.0  # times less variance must a step leave than the smooth model: by chance, or a machine's errors, none does
 SUDDEN = 2.0  # times less than a ramp over the rows leaves: a drift is no step
@@ -48,7 +48,7 @@ class Step:
 
     @property
     def large(self) -> bool:
-        """Whether it is more than what slips by itself, which an effect may describe."""
+        """Whether it is more than an effect may describe."""
         return self.size_um > 1e3 * LARGEST_MM
 
 
