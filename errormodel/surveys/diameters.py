@@ -48,7 +48,12 @@ def refuse_diameters(table: pd.DataFrame, machine: Machine) -> None:
         own = table[table["joint"] == joint.name]
         q, (low, high) = own[joint.name].to_numpy(dtype=np.float64), joint.travel
         slack, off = 1e-6 * (high - low), np.fmax(low - q, q - high)
-        if not len(q) or (off > slack).mean() < BEYOND or np.nanmax(off) < FAR * (high - low) or (np.fmax(low - q / 2, q / 2 - high) > slack).any():
+        if (
+            not len(q)
+            or (off > slack).mean() < BEYOND
+            or np.nanmax(off) < FAR * (high - low)
+            or (np.fmax(low - q / 2, q / 2 - high) > slack).any()
+        ):
             continue
         found = f"positions from {np.nanmin(q):.6g} to {np.nanmax(q):.6g} mm, where it travels {low:.6g} to {high:.6g}"
         other = "If they are radii, correct its travel in machine.yaml"

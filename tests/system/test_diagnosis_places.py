@@ -9,10 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from errormodel.effects import make
+from errormodel.effects.local_defect import LocalDefect
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
+from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.search.criteria import canonical_correlation
+from identification.estimation.fit import fit_machine
 from identification.observation.pose import Pose
 from tests.helpers.diagnosed import FRAME, empty_survey, showing
 from tests.helpers.nightly import first_of
@@ -140,3 +143,13 @@ def test_one_cause_has_its_name(name: str) -> None:
     assert canonical_correlation(start, start.columns(make(spec))[0], start.columns(main.effect)[0]) > 0.999
     assert main.evidence <= main.marginal  # what noise that goes along from row to row leaves of it
     assert finding.probability > 0.5
+
+
+def test_a_dent_has_a_slope_where_its_flanks_were_measured() -> None:
+    """At the only level within its width any slope fits, which is ten times as large beside it."""
+    machine = read_machine("vertical_three_axis")
+    for grid in (False, True):
+        scene = set_up(fit_machine(machine, empty_survey(machine, 300, 5, channels=False, grid=grid))).scene
+        proposed = list(LocalDefect.proposals(scene))
+        assert proposed
+        assert any(d.tilt for d in proposed if isinstance(d, LocalDefect)) != grid
