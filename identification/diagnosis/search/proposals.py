@@ -14,8 +14,8 @@ from errormodel.exceptions import InputError
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.blocks import SINGLE
 
-# bytes of all proposals' columns, by judgement: of an arm, with 22 000 proposals, some 800 rows are searched. Rows that
-# are left out of a whole series (11 911) are predicted to 80 um by what they find
+# bytes of all proposals' columns, by judgement: of an arm, with 22 000 proposals, some 720 rows are searched. Rows that
+# are left out of a whole series (11 911) are predicted to 83 um by what they find
 MEMORY = 400_000_000
 USUAL = 2  # parameters of a proposal
 LARGEST = 3_000_000_000  # bytes that a search may take, by judgement
