@@ -90,7 +90,7 @@ class Setup:
     follow : whether corrections may follow the length of the tool; no: the survey does not show how.
     aligned : whether nothing is aligned again once the tables act: the frame of the errors then does not turn.
     most_tables : number of tables that may be used at most; None: as many as the format takes.
-    x_told : how the control counts X (`errormodel.controllers.turning`), as the user says; empty: not said.
+    x_stated : how the control counts X (`errormodel.controllers.turning`), as the user says; empty: not said.
     """
 
     machine: str
@@ -110,7 +110,7 @@ class Setup:
     follow: bool = True
     aligned: bool = False
     most_tables: int | None = None
-    x_told: str = ""
+    x_stated: str = ""
 
     def place(self, name: str) -> int:
         """Column of an axis in positions (n, axes)."""

@@ -34,8 +34,8 @@ def spindle_of(setup: Setup) -> Axis | None:
 
 def x_counts(setup: Setup) -> str:
     """`RADII`, `DIAMETERS` or `NOT_KNOWN`."""
-    if setup.x_told:
-        return setup.x_told
+    if setup.x_stated:
+        return setup.x_stated
     return NOT_KNOWN if is_lathe(setup) or spindle_of(setup) else RADII
 
 

@@ -68,10 +68,14 @@ class LocalDefect(JointEffect):
             width, positions = length(joint) * part, np.sort(scene.columns[joint.name])
             low, high = scene.span(joint)
             places = np.arange(low + width / 2, high, DEFECT_STEP_WIDTHS * width)
-            near = np.searchsorted(positions, places + width) - np.searchsorted(positions, places - width, "right")
             distinct = np.unique(np.round(positions / (APART * width))) * APART * width
-            for at, motion in product(places[near >= FEWEST_DEFECT_ROWS].tolist(), MOTIONS):
+            near, apart = (
+                np.searchsorted(q, places + width) - np.searchsorted(q, places - width, "right")
+                for q in (positions, distinct)
+            )
+            seen = near >= FEWEST_DEFECT_ROWS
+            sloped = (apart >= FEWEST_SLOPE_POSITIONS)[seen].tolist()
+            for (at, slope), motion in product(zip(places[seen].tolist(), sloped, strict=True), MOTIONS):
                 yield cls(joint=joint.name, motion=motion, at=at, width=width)
-                sloped = np.count_nonzero(np.abs(distinct - at) < width) >= FEWEST_SLOPE_POSITIONS
-                if sloped and joint.type == "prismatic" and motion in across(joint, "d"):
+                if slope and joint.type == "prismatic" and motion in across(joint, "d"):
                     yield cls(joint=joint.name, motion=motion, at=at, width=width, tilt=True)

@@ -166,7 +166,7 @@ def plain_setup(machine: Machine) -> Setup:
         x, y, z = line.tolist()
         axes.append(Axis(letter, joint.name, rotary, (low, high), (low, low), (x, y, z)))
     setup = Setup(machine.name, tuple(axes), ())
-    return replace(setup, x_told=RADII) if spindle_of(setup) else setup  # a note says so
+    return replace(setup, x_stated=RADII) if spindle_of(setup) else setup  # a note says so
 
 
 def _poses(

@@ -37,7 +37,7 @@ from identification.compensation.field import Field
 from identification.compensation.findings import changed_columns, findings_of, outside
 from identification.compensation.model_uncertainty import against_model, following, judged
 from identification.compensation.notes import first_lines, survey_notes
-from identification.compensation.options import check_invert, check_most, source_of, told_x, with_load
+from identification.compensation.options import check_invert, check_most, source_of, stated_x, with_load
 from identification.compensation.read_motions import known_at_tip, motion_rows, several_zeros
 from identification.compensation.reduction import aligned, leftover, reduce
 from identification.compensation.result import Compensation, Own, Stated
@@ -140,7 +140,7 @@ def compensate(
     by_axis = None if read is None else {a.name: read.get(a.joint, ()) for a in setup.axes}
     setup = replace(
         setup, probe=probe, inverted=invert, reversals=reversals(field, letters), read=by_axis,
-        aligned=keep_alignment, most_tables=max_tables, x_told=told_x(x_counts, setup),
+        aligned=keep_alignment, most_tables=max_tables, x_stated=stated_x(x_counts, setup),
     )  # fmt: skip
     controller.suits(setup)
     whole = fit if read is None else None

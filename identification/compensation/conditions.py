@@ -179,7 +179,8 @@ def conditions_of(controller: Controller, setup: Setup, volume: Volume, tables: 
     if not added:
         return plain
     both = with_backlash(correct, setup, added, volume.field)
-    return replace(plain, together_um=left(volume, both, seed).rms_um, together_share=_worse(volume, both, seed))
+    together_um = set_up if len(added) == len(found) else left(volume, both, seed).rms_um
+    return replace(plain, together_um=together_um, together_share=_worse(volume, both, seed))
 
 
 def _worse(volume: Volume, correct: Correct, seed: int) -> float:

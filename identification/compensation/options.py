@@ -38,7 +38,7 @@ def check_most(controller: Target, most: int | None) -> None:
         raise InputError("--max-tables", found, f"Leave it out; it is for --controller {counted}")
 
 
-def told_x(counts: str | None, setup: Setup) -> str:
+def stated_x(counts: str | None, setup: Setup) -> str:
     """How the control counts X as the user says, empty where he does not.
 
     Raises

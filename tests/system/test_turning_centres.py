@@ -50,7 +50,7 @@ def fit(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def as_axes(machine: Machine) -> Setup:
-    return replace(plain_setup(machine), x_told="")
+    return replace(plain_setup(machine), x_stated="")
 
 
 def test_what_is_open_follows_from_the_machine() -> None:
@@ -61,7 +61,7 @@ def test_what_is_open_follows_from_the_machine() -> None:
     lathe = replace(machine, elements=tuple(e for e in machine.elements if e.name != "Y"))
     assert x_counts(as_axes(lathe)) == NOT_KNOWN
     for told in (RADII, DIAMETERS):
-        assert x_counts(replace(as_axes(machine), x_told=told)) == told
+        assert x_counts(replace(as_axes(machine), x_stated=told)) == told
 
 
 def test_a_programme_whose_x_may_count_diameters_is_asked_about(fit: Path, tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ def find_blunders(machine: Machine, survey: Survey, log: DecisionLog = UNRECORDE
     ------
     InputError
         What was measured has nothing to do with what was commanded, or lies in several frames of which the survey says
-        nothing, or was displaced by millimetres from a row on.
+        nothing, or was displaced by centimetres from a row on.
     """
     chain = Chain(machine)
     gates: list[Callable[[Survey], Blunder | None]] = [
