@@ -169,10 +169,11 @@ def check_combinations(chain: Chain, groups: Groups, seed: int) -> None:
     m = chain.kernel("design", own)(rows, zero).reshape(len(own), 6, -1)[:, :3].reshape(len(own), -1)
     rest = m - groups.coefficients.T @ m[groups.base]
     size = np.linalg.norm(m, axis=1)
+    terms = np.abs(groups.coefficients.T) @ size[groups.base] + size  # a sum rounds as its largest terms do
     # a power of a travel that lies far from zero rounds as much as the largest null singular value says
     spectrum = groups.singular_values
     rounded = spectrum[groups.rank :].max(initial=0.0) / spectrum[groups.rank - 1]
-    assert (np.linalg.norm(rest, axis=1) <= (1e-9 + rounded) * size + 1e-11 * chain.size * (size == 0)).all()
+    assert (np.linalg.norm(rest, axis=1) <= (1e-9 + rounded) * terms + 1e-11 * chain.size * (terms == 0)).all()
     actual = chain.kernel("actual", outputs=(0, 1, 2))
     nominal = actual(rows, zero)
     for j in np.setdiff1d(np.arange(len(own)), groups.base):
