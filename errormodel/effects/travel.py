@@ -6,7 +6,7 @@ parameter has the same meaning at other poses.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import permutations
 from math import hypot
 from typing import Literal
@@ -127,14 +127,24 @@ def member_of(machine: Machine, joint: Joint) -> Literal["ram", "slide", ""]:
     """What a prismatic joint moves: a ram, or a slide; "" where the machine's file does not tell.
 
     A ram carries the tool out along its own axis. A slide carries a further axis, or the tool beside it, along a beam
-    or a column.
+    or a column. Where a rotary joint follows, what lies before it and all up to the tool have to say the same: a head
+    turns the tool aside at the end of a ram, too.
     """
     later = machine.joints[machine.joints.index(joint) + 1 :]
     if any(j.type == "prismatic" and not parallel(j.axis, joint.axis) for j in later):
         return "slide"
-    reach = [sum(v) for v in zip(*_arms(machine, joint), strict=True)]
-    along, whole = _ahead(machine, joint) ** 2, sum(v**2 for v in reach)
-    if len(machine.joints) == 1 or not whole:
+    if len(machine.joints) == 1:
+        return ""
+    arms, own = _arms(machine, joint), _arms_to_the_next(machine, joint)
+    words = {word for some in (arms, own) if (word := _along(joint, some))}
+    return words.pop() if len(words) == 1 else ""
+
+
+def _along(joint: Joint, arms: Sequence[Vector]) -> Literal["ram", "slide", ""]:
+    """Whether arms, mm, reach out along a joint's axis; "" where they have no length."""
+    reach = [sum(v) for v in zip(*arms, strict=True)]
+    along, whole = sum(a * v for a, v in zip(joint.axis, reach, strict=True)) ** 2, sum(v**2 for v in reach)
+    if not whole:
         return ""
     return "ram" if 2 * along > whole else "slide"
 
@@ -143,6 +153,14 @@ def _arms(machine: Machine, joint: Joint) -> list[Vector]:
     """Offsets from a joint to the tool, mm, with all joints at zero."""
     later = machine.elements[machine.elements.index(joint) + 1 :]
     return [*(e.offset for e in later if not isinstance(e, Joint)), machine.tool]
+
+
+def _arms_to_the_next(machine: Machine, joint: Joint) -> list[Vector]:
+    """Offsets from a joint to the next rotary one, or to the tool, mm, with all joints at zero."""
+    later = machine.elements[machine.elements.index(joint) + 1 :]
+    turning = next((k for k, e in enumerate(later) if isinstance(e, Joint) and e.type == "rotary"), None)
+    arms = [e.offset for e in later[:turning] if not isinstance(e, Joint)]
+    return arms if turning is not None else [*arms, machine.tool]
 
 
 def _ahead(machine: Machine, joint: Joint) -> float:
