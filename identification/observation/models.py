@@ -295,6 +295,11 @@ class OrientationView(View):
             seen = self.pose.rotation.T @ self.turned[part] @ self.mount.T
             yield part, Rotation.from_matrix(seen @ here.transpose(0, 2, 1)).as_rotvec().T
 
+    def levers(self) -> Array:
+        """Rotation (6 * elements, 3, n) by each motion of each element at zero errors, rad."""
+        arms = self.chain.kernel("levers", (), self.fixed, self.outputs)(self.rows, np.zeros(len(self.chain.ids)))
+        return arms.reshape(-1, 3, len(self))
+
 
 @dataclass(frozen=True, kw_only=True)
 class MotionView(View):

@@ -141,9 +141,10 @@ def motions(linear: LinearModel, effects: Sequence[Effect]) -> list[tuple[str, M
 
 
 class _Rows:
-    """Rows of the linear model: its whitened observations, up to three of each, as vectors in mm.
+    """Rows of the linear model: the whitened observations of each as a vector in mm.
 
-    The derivatives by the frame's three translations, whitened in the same way, give the scale of one mm.
+    The derivatives by the frame's three translations, whitened in the same way, give the scale of one mm. Orientations,
+    which no translation changes, have no part in it.
     """
 
     def __init__(self, linear: LinearModel) -> None:
@@ -160,7 +161,7 @@ class _Rows:
         return out
 
     def _stack(self, observations: Array) -> Array:
-        out = np.zeros((len(observations), len(self.first), 3))
+        out = np.zeros((len(observations), len(self.first), self._slot.max(initial=0) + 1))
         out[:, self._place, self._slot] = observations
         return out
 

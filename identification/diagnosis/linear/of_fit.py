@@ -23,10 +23,11 @@ from identification.diagnosis.linear.survey_rows import SurveyRows
 from identification.estimation.noise import RESIDUAL_ROUND_OFF_SHARE
 from identification.estimation.orthonormal_basis import orthonormal_basis
 from identification.estimation.result import Fit
-from identification.observation.models import PositionView
+from identification.observation.models import OrientationView, PositionView
 from identification.observation.normal_equations import design_rows, view_vector
 from identification.observation.readings import ReadingView
 
+Seen = PositionView | OrientationView | ReadingView  # what the linear model is of
 MOST_ROWS = 2500  # of a survey: more are thinned out
 MOST_RUNS = 12  # labels; more are no runs of one survey
 MOST_STATIONS = 3
@@ -44,10 +45,12 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     points = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(survey.table))
     table = RowChannels(survey, points)
     residuals, designs, levers, indices = [], [], [], []
-    views = [v for v in problem.views if isinstance(v, PositionView | ReadingView)]
+    views: list[Seen] = [v for v in problem.views if isinstance(v, PositionView | ReadingView)]
     total = sum(len(v) for v in views)
     if total > most:
         views = [v.part(np.unique(np.linspace(0, len(v) - 1, most * len(v) // total).astype(int))) for v in views]
+    else:  # of many rows the positions say as much, in half the time
+        views = [v for v in problem.views if isinstance(v, Seen)]
     for view in views:
         level = solution.sigma[view.kind]  # 1 where the survey declares its noise
         gap = np.hstack([view.whiten(p, g) for p, g in view.gaps(view_vector(view, place, solution.values, zero))])
@@ -108,10 +111,10 @@ def at_rest(survey: Survey, joints: Sequence[str]) -> Survey:
     return replace(survey, table=survey.table.assign(**{name: still[name] for name in joints}))
 
 
-def _arms(view: PositionView | ReadingView) -> Array:
+def _arms(view: Seen) -> Array:
     """Change (6 * elements, outputs, n) of what a view observes by each motion of each element; mm, rad."""
     arms = view.levers()
-    if isinstance(view, PositionView):
+    if not isinstance(view, ReadingView):
         return arms
     # a circle's own plane leaves rounding errors of what acts across it
     return np.where(np.abs(arms) > ROUNDED_LEVER * max(1.0, view.chain.size), arms, 0.0)

@@ -8,21 +8,23 @@ import numpy as np
 
 from errormodel.arrays import Array
 from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.of_fit import Seen
 from identification.diagnosis.linear.row_residuals import counts
 from identification.diagnosis.search.criteria import cross_validation_residuals
 from identification.estimation.result import Fit
-from identification.observation.models import PositionView
+from identification.observation.models import OrientationView, PositionView
 from identification.observation.readings import ReadingView
 
 
-def views_of(fit: Fit, linear: LinearModel) -> Iterator[PositionView | ReadingView]:
-    """The rows of each view of the fit that the linear model holds."""
-    for view in fit.problem.views:
-        if isinstance(view, PositionView | ReadingView) and (own := np.isin(view.index, linear.index)).any():
-            yield view.part(own)
+def views_of(fit: Fit, linear: LinearModel) -> list[Seen]:
+    """The rows of each view of the fit that the linear model holds; of many rows these are no orientations."""
+    views = [v for v in fit.problem.views if isinstance(v, Seen)]
+    parts = [v.part(own) for v in views if (own := np.isin(v.index, linear.index)).any()]
+    others: list[Seen] = [part for part in parts if not isinstance(part, OrientationView)]
+    return others if sum(part.count for part in others) == len(linear.index) else parts
 
 
-def by_rows(fit: Fit, linear: LinearModel, values: Array) -> Iterator[tuple[PositionView | ReadingView, Array]]:
+def by_rows(fit: Fit, linear: LinearModel, values: Array) -> Iterator[tuple[Seen, Array]]:
     """Values (N,) of the linear model's observations as (m, 3) a view, (m, 1) of readings; NaN where not measured."""
     first = 0
     for part in views_of(fit, linear):
@@ -47,6 +49,8 @@ def rms_um(fit: Fit, linear: LinearModel, values: Array) -> float:
         return _of_readings(fit, linear, values)
     square, count = 0.0, 0
     for part, left in by_rows(fit, linear, values):
+        if isinstance(part, OrientationView):
+            continue
         square += float(np.sum(unwhitened(part, left) ** 2))
         count += len(part)
     return 1e3 * fit.solution.sigma["position"] * float(np.sqrt(square / count))
@@ -57,7 +61,7 @@ def _of_readings(fit: Fit, linear: LinearModel, values: Array) -> float:
     square = np.zeros(len(fit.survey))
     seen = np.zeros(len(fit.survey), dtype=bool)
     for part, left in by_rows(fit, linear, values):
-        factor = counts(part, fit) if isinstance(part, ReadingView) else 1.0
+        factor = counts(part, fit) if isinstance(part, ReadingView) else float(isinstance(part, PositionView))
         if factor:
             gap = factor * fit.solution.sigma[part.kind] * unwhitened(part, left)
             square[part.index] += np.sum(gap**2, axis=1)
@@ -65,7 +69,7 @@ def _of_readings(fit: Fit, linear: LinearModel, values: Array) -> float:
     return 1e3 * float(np.sqrt(square[seen].mean()))
 
 
-def unwhitened(part: PositionView | ReadingView, white: Array) -> Array:
+def unwhitened(part: Seen, white: Array) -> Array:
     """Whitened residuals (m, outputs), NaN where not measured, in mm or rad."""
     white = np.nan_to_num(white)
     if part.whitener.ndim == 1:

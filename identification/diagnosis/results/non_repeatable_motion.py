@@ -102,10 +102,14 @@ def _largest(linear: LinearModel) -> NonRepeatable | None:
 
 
 def _whole_rows(linear: LinearModel) -> Index:
-    """Observations (rows, 3) of each row that has three components, in the order of the rows."""
+    """Observations (rows, 3) of each row that has three components, in the order of the rows; of a pose its position.
+
+    A pose has six: its position comes before its orientation.
+    """
     order = np.argsort(linear.index, kind="stable")
-    _, counts = np.unique(linear.index, return_counts=True)
-    return np.asarray(order[np.repeat(counts == len("xyz"), counts)].reshape(-1, len("xyz")))
+    _, first, counts = np.unique(linear.index[order], return_index=True, return_counts=True)
+    whole = first[(counts == len("xyz")) | (counts == len(MOTIONS))]
+    return np.asarray(order[whole[:, None] + np.arange(len("xyz"))])
 
 
 def _independent(series: Array) -> Array:
