@@ -25,6 +25,7 @@ from identification.diagnosis.results.nameless_alternative import with_names_aga
 from identification.diagnosis.results.physical_limits import times_usual
 from identification.diagnosis.results.recorded_functions import Functions
 from identification.diagnosis.results.residual_dependence import predicted
+from identification.diagnosis.results.undetected import Undetected, undetected
 from identification.diagnosis.results.untestable import unseen
 from identification.diagnosis.results.witnesses import WitnessResult, apply_witnesses
 from identification.diagnosis.search.candidates import WIDEST, Candidates, Ranked, Scores
@@ -58,8 +59,9 @@ class Explanation:
     """Effects that explain a fit's residuals, the fit with them, witness results, and what is untestable.
 
     `before` is the fit without, of the same `survey` with the same weights as the `final` one. `ranking` is that
-    before all; `first` the number of the first effect that was found, among the final machine's. `wave` runs along two
-    joints, and is left. `wanders` is the motion in whose favour a finding was left out.
+    before all; `first` the number of the first effect that was found, among the final machine's. `perhaps` are effects
+    that may be there as well. `wave` runs along two joints, and is left. `wanders` is the motion in whose favour a
+    finding was left out.
     """
 
     survey: Survey
@@ -70,6 +72,7 @@ class Explanation:
     untestable: list[Untestable]
     ranking: list[Ranked]
     first: int
+    perhaps: tuple[Undetected, ...] = ()
     wave: Wave | None = None
     wanders: Functions | None = None
 
@@ -123,6 +126,7 @@ def explained(
     del searched
     chosen, wave = _with_wave(chosen, candidates, progress, log, looked)
     chosen = with_likeliest_sensors(chosen, candidates, log)
+    perhaps = undetected(chosen, candidates, log)
     if survey is not given and chosen.steps and not line_of_sight(fit, chosen.linear, candidates, log):
         log.again()  # it was what was found
         return explained(plain, given, changes, progress, log, impossible, isotropic=True)
@@ -144,7 +148,9 @@ def explained(
             again = explained(fit, survey, changes, progress, log, without)
             return replace(again, untestable=_untestable(scores, again.model, log), ranking=scores.ranking())
     untestable = [] if impossible else _untestable(scores, model, log)
-    return Explanation(survey, fit, model, final, witnessed, untestable, scores.ranking(), first, wave, wanders)
+    return Explanation(
+        survey, fit, model, final, witnessed, untestable, scores.ranking(), first, perhaps, wave, wanders
+    )
 
 
 def _with_wave(

@@ -72,6 +72,7 @@ from identification.diagnosis.results.statements import (
     statement_of,
     subject,
 )
+from identification.diagnosis.results.undetected import perhaps_there, with_one_more
 from identification.diagnosis.results.untestable import unconsidered
 from identification.diagnosis.results.verdict import judge, no_larger
 from identification.diagnosis.results.witnesses import WitnessResult, with_witnesses
@@ -196,6 +197,9 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     nameless = [g[0].effect for g, cause in zip(model.findings, causes, strict=True) if cause.nameless]
     # in the rows that are fitted both are the same, and what is beyond them takes several times as long
     others = other_effects(final, model, first)
+    known = {g[0].effect.key for g in model.findings}
+    perhaps = [p for p in found.perhaps if p.effect.key not in known]
+    others += with_one_more(final, perhaps)
     final = replace(known_where_recorded(final, model, first, nameless), others=others)
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
@@ -222,6 +226,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
             *unusable,
             *contrary_sides(survey, log),
             *aliased_periods(model),
+            *perhaps_there(perhaps),
             *(untimed_path(model.linear) if findings or verdict.word != "adequate" else ()),
             *verdict.notes,
         ),

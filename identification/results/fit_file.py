@@ -167,10 +167,10 @@ def check_parameters(path: Path, data: Mapping[str, Any], chain: Chain) -> None:
 def _check_other(where: str, other: Mapping[str, Any], specs: Sequence[EffectSpec]) -> None:
     """Check that the machine has the effect of which another is given, and that there can be such a one."""
     number, cure = other["effect"], "Run the diagnosis again"
-    if number >= len(specs):
+    if number > len(specs) or (number == len(specs) and not other.get("name")):  # by name it may be one more
         raise InputError(where, f"the effect number {number + 1}, which the machine does not have", cure)
     try:
-        make(OtherEffect(number, other["options"], 0.0, {}, other.get("name", "")).spec(specs[number]))
+        make(OtherEffect(number, other["options"], 0.0, {}, other.get("name", "")).spec(specs))
     except InputError as error:
         raise InputError(where, f"of the effect number {number + 1}: {error.found}", cure) from error
 

@@ -118,7 +118,7 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     out = perhaps_at_rest(fit.chain, points.table, channels, labels, out, partial(_predict_rows, fit))
     # at last: what is above compares predictions of the likeliest model with each other
     others = [other for other in fit.others if not other.missing(fit.chain.machine, points.table)]
-    out = with_other_effects(others, out, change)
+    out = with_other_effects(others, len(fit.chain.machine.effects), out, change)
     table = pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)
     if "joint" in points.table:
         table[[*MOTIONS, *MOTION_UNCERTAINTIES]] = _motions(fit, points, channels)

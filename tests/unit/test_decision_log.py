@@ -19,6 +19,7 @@ from identification.diagnosis.decisions.fates import (
     LOW,
     MERGED,
     NEVER,
+    PERHAPS,
     REFUSED,
     TAKEN_OUT,
     History,
@@ -78,6 +79,7 @@ def test_too_little_evidence_from_the_first() -> None:
     ("lines", "word"),
     [
         ([decision("detection", "refused", B, 0, 2.0)], REFUSED),
+        ([decision("detection", "refused", B, 0, 2.0), decision("perhaps-there", "kept", B, 1, 0.2)], PERHAPS),
         ([decision("cross-validation", "merged", B, 1, 0.9, compared_with=A)], MERGED),
         ([decision("cross-validation", "merged", B, 1, 0.9, compared_with=C)], LOW),  # into what was not found
         ([decision("superfluous-by-cross-validation", "removed", B, 2, 1.0, compared_with=A)], TAKEN_OUT),

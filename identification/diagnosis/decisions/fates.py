@@ -21,7 +21,7 @@ ACCEPTED_BY = ("cross-validation", "second-sensor")  # rules that make something
 FOUND, DATA_CHECK, NAMELESS = "found", "found by a check of the data", "found, and its name refused"
 ALTERNATIVE, MERGED, CONTRADICTED, TAKEN_OUT = "alternative", "part of a finding", "contradicted", "taken out"
 REFUSED, BEHIND, EXPLAINED, LOW = "refused", "not preferred", "explained", "too little evidence"
-NEVER, ABSENT = "not considered", "no candidate"
+NEVER, ABSENT, PERHAPS = "not considered", "no candidate", "perhaps there"
 
 
 @dataclass(frozen=True)
@@ -147,6 +147,8 @@ class History:
         if taken:
             return fate(TAKEN_OUT, taken, dict.fromkeys(d.compared_with for d in taken if d.compared_with))
         failed = [d for d in own if d.outcome == "refused"]
+        if perhaps := [d for d in own if d.rule == "perhaps-there"]:
+            return fate(PERHAPS, [*failed[-3:], *perhaps])
         unseen = [d for d in own if RULES[d.rule].stage in (UNTESTABLE, PROPOSALS)]
         if failed and failed[-1].rule != "least-evidence":
             return fate(REFUSED, failed[-3:])

@@ -257,6 +257,11 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "one-lag-instead": Rule(
             COMPARISON, EVIDENCE, "One lag from another state comes before two sensors or lags.", _decided("CLEARLY")
         ),
+        "perhaps-there": Rule(
+            COMPARISON, "probability",
+            "An effect with too little evidence to be found is in the uncertainty of predictions by its probability.",
+            _decided("CLEARLY") + _in("results.undetected", "LEAST", "MOST"),
+        ),
         # ---- evidence beside the other findings
         "conditional-evidence": Rule(
             CONDITIONAL, EVIDENCE, "A finding and its alternatives, each beside all other findings.",

@@ -8,7 +8,6 @@ section 3.4, of the profile likelihood).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -69,7 +68,7 @@ def other_effects(final: Fit, model: EffectModel, first: int) -> tuple[OtherEffe
         for trial in (*same, *named):
             give_back()  # what the fit before has left
             parameters = parameters_of(trial.machine(final.chain.machine), final, WIDEST)
-            out.append(replace(trial, parameters=parameters))
+            out.append(trial.fitted(parameters))
     return tuple(out)
 
 

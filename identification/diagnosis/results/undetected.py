@@ -1,0 +1,77 @@
+"""Effects that are likely, with too little evidence to be found: the uncertainty of predictions has them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from errormodel.effects.base import Effect
+from identification.diagnosis.decisions.constants import CLEARLY
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
+from identification.diagnosis.results.statements import named, next_measurement, subject
+from identification.diagnosis.search.candidates import WIDEST, Candidates
+from identification.diagnosis.search.model import EffectModel
+from identification.diagnosis.search.refinement import refined
+from identification.diagnosis.search.scoring import DETECT, Step, explained_by_noise, posterior
+from identification.diagnosis.search.shape_fit import optimise_shapes
+from identification.estimation.fit import parameters_of
+from identification.estimation.result import Fit
+from identification.runtime.memory import give_back
+from identification.uncertainty.other_effects import OtherEffect
+
+EXAMINED = 12  # effects at places, the likeliest
+MOST = 4  # of them in predictions: each is a fit
+LEAST = 0.02  # probability: a change by less is hardly seen beside the uncertainty
+WORTH_SAYING = 0.1  # probability
+
+
+class Undetected(NamedTuple):
+    """An effect that was not found, and the probability that it is there."""
+
+    effect: Effect
+    probability: float
+
+
+def undetected(model: EffectModel, candidates: Candidates, log: DecisionLog = UNRECORDED) -> tuple[Undetected, ...]:
+    """Effects with a name that may be there beside those of a model, the likeliest first.
+
+    That there is one more is as likely beforehand as that there is none. It is any name of the library, and that at any
+    of its places, by the evidence of each; a form without a name is less likely, as in the search. What correlated
+    noise explains as well is no evidence, nor is a departure from a textbook form. What has evidence enough, and was
+    refused for another reason, is not among them.
+    """
+    odds = list[tuple[float, Step]]()
+    for step in optimise_shapes(model.linear, candidates, EXAMINED):
+        own = posterior(step) - step.evidence_of_form - CLEARLY * step.effect.empirical
+        if own > math.log(LEAST) and (own := own - explained_by_noise(model.linear, step)) < DETECT:
+            odds.append((math.exp(own), step))
+    whole = 1.0 + sum(value for value, _ in odds)
+    out = list[Undetected]()
+    for value, step in sorted(odds, key=lambda own: -own[0]):
+        effect, probability = step.effect, value / whole
+        if probability > LEAST and not (effect.empirical or effect.random) and refined(model, step) is None:
+            log.add("perhaps-there", "kept", effect, probability, LEAST)
+            out.append(Undetected(effect, probability))
+    return tuple(out[:MOST])
+
+
+def with_one_more(final: Fit, perhaps: Sequence[Undetected]) -> tuple[OtherEffect, ...]:
+    """The models with one effect more, each fitted to the recording."""
+    machine, out = final.chain.machine, []
+    for effect, probability in perhaps:
+        give_back()  # what the fit before has left
+        spec = effect.spec
+        other = OtherEffect(len(machine.effects), spec.options, probability, {}, spec.effect)
+        out.append(other.fitted(parameters_of(other.machine(machine), final, WIDEST)))
+    return tuple(out)
+
+
+def perhaps_there(perhaps: Sequence[Undetected]) -> Sequence[str]:
+    """A note on what may be there as well."""
+    return [
+        f"perhaps there, with too little evidence to be found: {named(subject(effect), probability)}. The uncertainty "
+        f"of predictions has it by that probability. To settle it: {next_measurement(effect, None)}"
+        for effect, probability in perhaps
+        if probability > WORTH_SAYING
+    ]
