@@ -11,7 +11,7 @@ of it together. And no name is smaller than what is clearly left without one: it
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -51,6 +51,38 @@ from identification.results.terminal import counted
 DEPARTURE_COST = max(DEPARTURES.values()) / max(DEPARTURES)
 
 
+@dataclass(frozen=True)
+class _Remainder:
+    """What a name leaves that one of some functions without a name explains: `part` of what the name itself explains.
+
+    `form` is the model with the name, `trials` the logarithm of the number of functions.
+    """
+
+    form: LinearModel
+    evidence: float
+    part: float
+    function: Functions | None
+    trials: float
+
+    @classmethod
+    def of(cls, without: LinearModel, form: LinearModel, functions: Sequence[Functions]) -> _Remainder:
+        evidence, explained, best = best_of(form, functions)
+        part = explained / max(without.square - form.square, 1e-300)
+        return cls(form, evidence, part, best, float(np.log(max(len(functions), 1))))
+
+    def much(self, main: Effect, log: DecisionLog) -> str:
+        """The function in words, where it is clear and explains much of what the name does; else ""."""
+        if self.function is None or self.evidence - self.trials <= DETECT:
+            return ""
+        large = self.part > MUCH
+        # what noise that is correlated from row to row explains as well is no remainder
+        if large and evidence_in_any_noise(self.form, self.function) - self.trials <= DETECT:
+            return ""
+        words = _words(self.function)
+        log.add("remainder-of-name", "refused" if large else "kept", main, self.part, MUCH, beside=words)
+        return words if large else ""
+
+
 def checked_alternative(
     finding: Finding, model: EffectModel, group: Sequence[Step], functions: Sequence[Functions], log: DecisionLog
 ) -> Finding:
@@ -78,21 +110,18 @@ def refusal(model: EffectModel, group: Sequence[Step], functions: Sequence[Funct
         functions = [f for f in functions if f.channels != main.drivers or not (main.random or own_curve(f))]
     effects = [s.effect for s in group if _one_name(main, s.effect)]
     evidence, form = _of_any_size(without, effects)
-    own = max(without.square - form.square, 1e-300)
-    further, explained, left = best_of(form, functions)
-    trials = float(np.log(max(len(functions), 1)))
-    large = explained > MUCH * own
-    # what noise that is correlated from row to row explains as well is no remainder
-    if left and further - trials > DETECT and (not large or evidence_in_any_noise(form, left) - trials > DETECT):
-        log.add("remainder-of-name", "refused" if large else "kept", main, explained / own, MUCH, beside=_words(left))
-        if large:
-            return f"beside it as much is left, without a name ({_words(left)})"
+    rest = _Remainder.of(without, form, functions)
+    words = rest.much(main, log)
+    if not words and (others := _by_the_same(model, group)):
+        bare = model.without([*group, *others])
+        words = _Remainder.of(bare, _of_any_size(bare, effects)[1], functions).much(main, log)
+    if words:
+        return f"beside it as much is left, without a name ({words})"
     courses = in_one_motion(without, effects)
     single, _, motion = best_of(without, courses)
     single -= float(np.log(max(len(courses), 1)))  # each of these motions is as likely
     instead, _, best = best_of(without, functions)
-    departure = DEPARTURE_COST * float(np.sqrt(explained / own))
-    evidence += max(further - departure, 0.0)
+    evidence += max(rest.evidence - DEPARTURE_COST * float(np.sqrt(rest.part)), 0.0)
     if NAME_ODDS < instead - evidence < CLEARLY and best is not None and _of_its_form(without, main, best):
         # any other form of the same motion by the same channels is as unlikely as an empirical term
         instead, _, best = best_of(without, [f for f in functions if not _of_its_form(without, main, f)])
@@ -110,6 +139,17 @@ def refusal(model: EffectModel, group: Sequence[Step], functions: Sequence[Funct
         return None
     findings = f" as the {counted(len(together), 'finding')} of this joint" if together else ""
     return f"a function without a name explains as much{findings} ({_words(best)})"
+
+
+def _by_the_same(model: EffectModel, group: Sequence[Step]) -> list[Step]:
+    """The steps of findings without a name that the same channels drive: a name may be a part of them."""
+    own = set(map(root, group[0].effect.drivers))
+    return [
+        step
+        for g in model.findings
+        if g[0].effect.empirical and g[0] is not group[0] and own & set(map(root, g[0].effect.drivers))
+        for step in g
+    ]
 
 
 def _of_one_joint(model: EffectModel, group: Sequence[Step]) -> list[Sequence[Step]]:
