@@ -16,6 +16,7 @@ from identification.diagnosis.decisions.log import DecisionLog, ratio
 from identification.diagnosis.extension import Explanation, that_predicts
 from identification.diagnosis.jumps import jump_of
 from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.noise_of_kinds import kinds_of
 from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.linear.row_residuals import noise_mm, spread
 from identification.diagnosis.results.nameless_alternative import refusal
@@ -82,7 +83,7 @@ def _left(found: Explanation, progress: Progress, log: DecisionLog) -> Dependenc
     with progress("Testing what is left"):
         components, fit = 3 if found.final.fitted.n else 1, found.before
         linear, start = found.model.linear, found.model.start
-        if fit.problem.readings and len({v.kind for v in fit.problem.views}) > 1:
+        if len(kinds_of(fit, start)) > 1:
             fit = found.final  # what was found had been noise of some kinds, and not of others
             linear = start = set_up(fit)
         # of one whitened observation: where noise was declared it is not what the fit before left

@@ -15,6 +15,7 @@ from identification.diagnosis.data_checks.first_approach import likelier_sides
 from identification.diagnosis.decisions.constants import NO_WORSE
 from identification.diagnosis.decisions.log import DecisionLog, ratio
 from identification.diagnosis.jumps import jumps_instead
+from identification.diagnosis.linear.noise_of_kinds import with_noise_of
 from identification.diagnosis.linear.of_fit import LEAST_RUN, MOST_ROWS, set_up, unused_runs
 from identification.diagnosis.linear.row_residuals import spread
 from identification.diagnosis.results.combined_waves import Wave, largest_wave
@@ -86,6 +87,7 @@ def explained(
     impossible: Callable[[Effect], bool] | None = None,
     isotropic: bool = False,
     before: list[Searched] | None = None,
+    weighed: bool = False,
 ) -> Explanation:
     """What explains a fit's residuals, and the survey fitted with it.
 
@@ -96,6 +98,7 @@ def explained(
     isotropic : whether the noise is known to be, because an earlier search left nothing of a line of sight.
     before : one earlier search of the same rows with other directions of approach; the list is emptied, as nobody else
         is to keep the hundreds of megabytes.
+    weighed : whether kinds of observations have the noise that an earlier search left of them.
     """
     given, plain = survey, fit
 
@@ -121,7 +124,7 @@ def explained(
         del linear, candidates, searched, selected, chosen, models
         known = known if survey is given else weighed_as_before(known, survey, given)
         return explained(
-            fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible, isotropic, before
+            fit_machine(fit.chain.machine, known), known, changes, progress, log, impossible, isotropic, before, weighed
         )
     del searched
     chosen, wave = _with_wave(chosen, candidates, progress, log, looked)
@@ -129,10 +132,10 @@ def explained(
     perhaps = undetected(chosen, candidates, log)
     if survey is not given and chosen.steps and not line_of_sight(fit, chosen.linear, candidates, log):
         log.again()  # it was what was found
-        return explained(plain, given, changes, progress, log, impossible, isotropic=True)
+        return explained(plain, given, changes, progress, log, impossible, isotropic=True, weighed=weighed)
     del candidates, selected  # hundreds of megabytes that the fit of all rows needs
-    weighed = weighed_as_whole(in_correlated_noise(chosen, log), models, log)
-    model = with_names_again(with_likelier_names(weighed, log), log)
+    whole = weighed_as_whole(in_correlated_noise(chosen, log), models, log)
+    model = with_names_again(with_likelier_names(whole, log), log)
     model, witnessed = apply_witnesses(model, log)
     del models
     model, wanders = without_wanderers(model, log)
@@ -147,6 +150,9 @@ def explained(
             without = _by_temperature if impossible else lambda e: (e.effect, e.where) in larger
             again = explained(fit, survey, changes, progress, log, without)
             return replace(again, untestable=_untestable(scores, again.model, log), ranking=scores.ranking())
+        if not weighed and model.steps and (other := with_noise_of(fit, model.start, final, log)) is not None:
+            log.again()
+            return explained(other, survey, changes, progress, log, impossible, isotropic, weighed=True)
     untestable = [] if impossible else _untestable(scores, model, log)
     return Explanation(
         survey, fit, model, final, witnessed, untestable, scores.ranking(), first, perhaps, wave, wanders

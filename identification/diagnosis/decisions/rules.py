@@ -125,6 +125,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             NOISE, GAIN, "A declared station that fits better as a point of the machine is named.",
             _in(_NOISE, "CLEAR") + _decided("MISFIT_RATIO"),
         ),
+        "noise-of-kinds": Rule(
+            NOISE, RATIO, "The search is repeated with the noise of positions, orientations and readings that it left.",
+            _decided("MISFIT_RATIO"),
+        ),
         # ---- candidates
         "rows-used": Rule(
             PROPOSALS, COUNT, "Candidates are scored in no more rows than this.", _in("linear.of_fit", "MOST_ROWS")
