@@ -210,7 +210,7 @@ def fate_lines(fate: Fate, history: History, diagnosis: Mapping[str, Any]) -> It
             examined = (
                 f"the examined ones had {number(last)} and more, or were the best of their name; " if last else ""
             )
-            yield f"  {examined}nothing with less than {least} ever is examined"
+            yield f"  {examined}with less than {least} nothing is ever found"
     later = fate.last is not None and fate.first is not None and fate.last.round > fate.first.round
     if fate.last is not None and later and fate.word not in (FOUND, ALTERNATIVE, MERGED):
         yield f"  last score: {number(fate.last.value)}, beside {fate.last.round} accepted effects"

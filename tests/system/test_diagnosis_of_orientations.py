@@ -77,3 +77,20 @@ def test_of_a_pose_the_position_shows_what_does_not_repeat() -> None:
     assert rows.shape == (ROWS, 3)
     assert (rows < 3 * ROWS).all()  # positions come first
     assert (linear.index[rows] == linear.index[rows[:, :1]]).all()
+
+
+@pytest.mark.parametrize("rows", [7, 8])
+def test_a_few_poses_are_diagnosed(rows: int) -> None:
+    """Their orientations leave degrees of freedom, which a few candidates take up."""
+    survey = six_dimensional(0.0)
+    few = diagnose(read_machine("vertical_three_axis"), replace(survey, table=survey.table.head(rows)))
+    assert few.diagnosis.findings == ()
+
+
+def test_a_tilt_that_had_made_orientations_noisy_leaves_nothing_behind() -> None:
+    """The search is repeated with the noise that it left: positions and orientations had been weighed by the first."""
+    machine, survey = read_machine("vertical_three_axis"), six_dimensional(2e-4)
+    found = diagnose(machine, survey)
+    assert [f.effect for f in found.diagnosis.findings] == ["column-bending"]
+    assert found.diagnosis.verdict == "explained"
+    assert ("noise-of-kinds", "found") in [(d.rule, d.outcome) for d in found.log]

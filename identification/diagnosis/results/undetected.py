@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from errormodel.effects.base import Effect
@@ -67,11 +67,15 @@ def with_one_more(final: Fit, perhaps: Sequence[Undetected]) -> tuple[OtherEffec
     return tuple(out)
 
 
-def perhaps_there(perhaps: Sequence[Undetected]) -> Sequence[str]:
-    """A note on what may be there as well."""
-    return [
-        f"perhaps there, with too little evidence to be found: {named(subject(effect), probability)}. The uncertainty "
-        f"of predictions has it by that probability. To settle it: {next_measurement(effect, None)}"
-        for effect, probability in perhaps
-        if probability > WORTH_SAYING
-    ]
+def perhaps_there(perhaps: Sequence[Undetected]) -> Iterator[str]:
+    """Notes on what may be there as well, whatever drives it."""
+    alike = dict[str, list[Undetected]]()
+    for one in perhaps:
+        alike.setdefault(subject(one.effect), []).append(one)
+    for what, own in alike.items():
+        probability = sum(one.probability for one in own)
+        if probability > WORTH_SAYING:
+            yield (
+                f"perhaps there, with too little evidence to be found: {named(what, probability)}. The uncertainty of "
+                f"predictions has it by that probability. To settle it: {next_measurement(own[0].effect, None)}"
+            )

@@ -182,7 +182,8 @@ class Candidates:
         absorbed = np.ones(len(self.effects))
         expected_delta_chi2 = np.full(len(self.effects), np.inf)
         cost, changing = self._in_survey(linear.scene)
-        for alike, (gram, slope) in zip(self._alike, self._left(linear), strict=True):
+        left = self._left(linear) if linear.freedom > 0 else []  # a few rows are explained by anything
+        for alike, (gram, slope) in zip(self._alike, left, strict=bool(left)):
             own = alike.numbers
             square = alike.square * changing[own, None]
             if alike.random:
