@@ -47,13 +47,12 @@ def undetected(model: EffectModel, candidates: Candidates, log: DecisionLog = UN
         if own > math.log(LEAST) and (own := own - explained_by_noise(model.linear, step)) < DETECT:
             odds.append((math.exp(own), step))
     whole = 1.0 + sum(value for value, _ in odds)
-    out = list[Undetected]()
-    for value, step in sorted(odds, key=lambda own: -own[0]):
-        effect, probability = step.effect, value / whole
-        if probability > LEAST and not (effect.empirical or effect.random) and refined(model, step) is None:
-            log.add("perhaps-there", "kept", effect, probability, LEAST)
-            out.append(Undetected(effect, probability))
-    return tuple(out[:MOST])
+    named_ones = [(v / whole, s) for v, s in odds if not (s.effect.empirical or s.effect.random)]
+    likely = sorted((own for own in named_ones if own[0] > LEAST), key=lambda own: -own[0])
+    out = [Undetected(s.effect, p) for p, s in likely if refined(model, s) is None][:MOST]
+    for effect, probability in out:
+        log.add("perhaps-there", "kept", effect, probability, LEAST)
+    return tuple(out)
 
 
 def with_one_more(final: Fit, perhaps: Sequence[Undetected]) -> tuple[OtherEffect, ...]:
