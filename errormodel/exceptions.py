@@ -31,6 +31,10 @@ class InputError(ErrorModelError):
         return f"{self.where}: {self.found}" + (f". {self.cure}" if self.cure else "")
 
 
+class ReadValueError(InputError):
+    """A number of a table that was read, which cannot be: the table read as a file of another format has it as well."""
+
+
 class NoRowsError(InputError):
     """A table with nothing below its header; of several parts the others may do."""
 

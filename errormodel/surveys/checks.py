@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from errormodel.conventions import MOTIONS, ROTATIONS
 from errormodel.drives import as_one
-from errormodel.exceptions import InputError, NoRowsError, nearest
+from errormodel.exceptions import InputError, NoRowsError, ReadValueError, nearest
 from errormodel.files import without_apostrophes
 from errormodel.formats.base import Table, as_numbers
 from errormodel.instruments.base import LARGEST_SIGMA, LEAST_SIGMA
@@ -37,7 +37,7 @@ from errormodel.surveys.columns import (
     quantity_of,
     unit_of_column,
 )
-from errormodel.surveys.missing_values import below_absolute_zero, without_nines, zeros
+from errormodel.surveys.missing_values import below_absolute_zero, without_nines, zero_orientations, zeros
 from errormodel.units import to_internal
 from errormodel.yamlfile import shown
 
@@ -49,6 +49,11 @@ Mask = NDArray[np.bool_]
 
 # mm or rad; larger numbers are placeholders for "no value"; by judgement: 10 km is beyond any machine
 LARGEST_READING = 1e7
+
+TURNS = (
+    "Write mrx mry mrz in rad, or say their unit (deg, mrad, urad): units: {mrx: deg, mry: deg, mrz: deg} in a "
+    "survey.yaml, or --units mrx=deg,mry=deg,mrz=deg with errormodel import"
+)
 
 
 @dataclass(frozen=True)
@@ -76,21 +81,21 @@ class _Offences:
     table: Table
     plan: Plan
     raw: pd.DataFrame
-    found: list[tuple[int, int, str, str, str]] = field(default_factory=list)
+    found: list[tuple[int, int, str, str, str, type[InputError]]] = field(default_factory=list)
 
-    def add(self, column: str, bad: Mask, what: str, cure: str) -> None:
-        """Add the first cell where `bad` is true; ``{}`` in `what` stands for the cell."""
+    def add(self, column: str, bad: Mask, what: str, cure: str, kind: type[InputError] = InputError) -> None:
+        """Add the first cell where `bad` is true; ``{}`` in `what` stands for the cell, `kind` is what is raised."""
         if bad.any():
             at = int(bad.argmax())
             value = self.raw[column].iloc[at]
             text = shown(value) if isinstance(value, str) else f"{value:.10g}"
             row = int(self.raw.index[at])
-            self.found.append((row, list(self.raw.columns).index(column), column, what.format(text), cure))
+            self.found.append((row, list(self.raw.columns).index(column), column, what.format(text), cure, kind))
 
     def raise_first(self) -> None:
         if self.found:
-            row, _, column, found, cure = min(self.found)
-            raise InputError(self.table.cell(row, self.plan.ours[column]), found, cure)
+            row, _, column, found, cure, kind = min(self.found, key=lambda one: one[:5])
+            raise kind(self.table.cell(row, self.plan.ours[column]), found, cure)
 
 
 def left_out(table: Table) -> str:
@@ -146,6 +151,9 @@ def read_part(table: Table, plan: Plan, machine: Machine, units: SurveyUnits, me
         notes = (*notes, note)
     for rows, note in zeros(frame, [j.name for j in machine.joints]):
         frame.loc[rows, list(MEASURED)] = np.nan
+        notes = (*notes, note)
+    for rows, note in zero_orientations(frame, [j.name for j in machine.joints if j.type == "rotary"]):
+        frame.loc[rows, list(ORIENTATION)] = np.nan
         notes = (*notes, note)
     if measured:
         notes = (*notes, *_nothing_measured(table, frame, volumetric))
@@ -215,8 +223,7 @@ def _check_measured(offences: _Offences, frame: pd.DataFrame, units: SurveyUnits
             partial = absent[:, k] & ~absent.all(axis=1)
             offences.add(name, partial, "an orientation with a component missing", "Give mrx mry mrz or none of them")
             turned = np.linalg.norm(np.nan_to_num(np.clip(vector, -99, 99)), axis=1) > 2 * math.pi * (1 + 1e-6)
-            cure = "Write mrx mry mrz in rad, or say units: {mrx: deg, mry: deg, mrz: deg} in a survey.yaml"
-            offences.add(name, turned, "{} in a rotation vector longer than a turn", cure)
+            offences.add(name, turned, "{} in a rotation vector longer than a turn", TURNS, ReadValueError)
     for name in ROTATIONS:
         if name in frame:
             large = np.abs(frame[name].to_numpy()) > 1

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.exceptions import InputError
+from errormodel.exceptions import ReadValueError
 from errormodel.machine import Joint, Machine
 from errormodel.serial_chain import directions
 
@@ -20,7 +20,7 @@ BEYOND = 0.1  # of the positions lie beyond the travel: fewer may overrun it; by
 FAR = 0.25  # of the travel, how far beyond it the farthest lies: diameters reach up to twice as far
 
 
-class DiametersError(InputError):
+class DiametersError(ReadValueError):
     """A column that was read, and looks like diameters."""
 
 

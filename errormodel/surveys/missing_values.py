@@ -133,5 +133,30 @@ def zeros(frame: pd.DataFrame, joints: Sequence[str]) -> Iterator[tuple[Mask, st
         yield zero, _note("0", MEASURED, frame["row"].to_numpy()[zero])
 
 
+def zero_orientations(frame: pd.DataFrame, rotary: Sequence[str]) -> Iterator[tuple[Mask, str]]:
+    """Mask of rows with mrx mry mrz all exactly 0 though no orientation of the same rotary positions is near; a note.
+
+    Parameters
+    ----------
+    frame : one file in mm and rad, with ``row``.
+    rotary : names of the machine's rotary joints.
+    """
+    if not all(name in frame for name in ORIENTATION):
+        return
+    vectors = frame[list(ORIENTATION)].to_numpy(dtype=np.float64)
+    zero = (vectors == 0).all(axis=1)
+    turned = frame[[j for j in rotary if j in frame]].to_numpy(dtype=np.float64)
+    unseen = np.zeros_like(zero)
+    for at in np.unique(turned[zero], axis=0):
+        here = (turned == at).all(axis=1)
+        others = vectors[here & ~zero & np.isfinite(vectors).all(axis=1)]
+        if len(others) < FEWEST_OTHER_ROWS:
+            continue
+        extent, nearest = np.linalg.norm(np.ptp(others, axis=0)), np.linalg.norm(others, axis=1).min()
+        unseen |= here & zero & bool(nearest > extent)
+    if unseen.any():
+        yield unseen, _note("0", ORIENTATION, frame["row"].to_numpy()[unseen])
+
+
 def _note(value: str, names: Sequence[str], rows: Array) -> str:
     return f"{value} in {' '.join(names)} of {spoken(rows.tolist())} read as not measured"

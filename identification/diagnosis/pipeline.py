@@ -22,8 +22,8 @@ from identification.diagnosis.data_checks.blunder import Blunder, listed, misses
 from identification.diagnosis.data_checks.checks import MOST_BLUNDERS, find_blunders, without
 from identification.diagnosis.data_checks.gate import refuse_another_machine, refused
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
-from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
-from identification.diagnosis.data_checks.outliers import gross_rows, masked_rows
+from identification.diagnosis.data_checks.orientations import orientation_notes
+from identification.diagnosis.data_checks.outliers import far_turned, gross_rows, masked_rows
 from identification.diagnosis.data_checks.runs_of_motions import (
     compared_runs,
     lost_zero,
@@ -138,7 +138,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         nothing = "no row to fit has a measured position, reading or error motion, which the diagnosis works on"
         cure = "Add rows with mx my mz, of observations (length, angle), or about error motions (joint, dx ... ec)"
         raise InputError(str(survey.source), nothing, cure)
-    blunders, log = [], DecisionLog()
+    blunders, log, oriented = list[Blunder](), DecisionLog(), tuple[str, ...]()
     if not read:
         with progress("Looking for mistakes in the columns"):
             blunders = find_blunders(machine, survey, log)
@@ -152,7 +152,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         check_declared(mended)
         if not read:
             refuse_turned_head(mended)
-            refuse_foreign_orientations(survey, mended.problem.views)
+            oriented = orientation_notes(mended.survey, mended.problem)
             refuse_unstated_rotation(mended)
             refuse_another_machine(mended, tried=True)
         noise_checked = bool(survey.motions_of) and not read  # by the registration that they come from
@@ -221,6 +221,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         (
             *final.notes,
             *noise_notes(mended),
+            *oriented,
             *large_scales(final),
             *station_notes(final, log),
             *unusable,
@@ -233,6 +234,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         by_observation(baseline, final),
         final.fitted.n > 0 or not final.problem.readings,
         final.solution.dof,
+        None if final.sigma_rad is None else 1e6 * final.sigma_rad,
     )
     model.start.ended()  # of an arm hundreds of megabytes, beside the fits that tables and the report are of
     return Diagnosed(diagnosis, baseline, final, model, found.ranking, log=log)
@@ -378,13 +380,13 @@ def _blunder_finding(blunder: Blunder, before: Fit | None, after: Fit | None) ->
 def _outlier_finding(bad: Mask, baseline: Fit, fit: Fit) -> Finding:
     rows = [int(r) for r in baseline.survey.table["row"].to_numpy()[bad]]
     far = np.nansum(np.square(vectors(baseline)[bad]), axis=1)
-    largest, one = 1e3 * float(np.sqrt(far.max())), len(rows) == 1
+    largest, one = f"{1e3 * float(np.sqrt(far.max())):.0f} um{far_turned(baseline, bad)}", len(rows) == 1
     return Finding(
         effect="outliers",
         where="instrument",
         statement=(
             f"{counted(len(rows), 'row')} of {len(bad)} {'lies' if one else 'lie'} far outside anything the others "
-            f"show (up to {largest:.0f} um) and {'was' if one else 'were'} left out: rows {listed(rows)}."
+            f"show (up to {largest}) and {'was' if one else 'were'} left out: rows {listed(rows)}."
         ),
         parameters=[Amount("rows", float(len(rows)), 0.0, "")],
         probability=0.99,

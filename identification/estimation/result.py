@@ -21,7 +21,7 @@ from identification.estimation.noise import Noise
 from identification.estimation.outliers import Outlier, Sorting
 from identification.estimation.readings import Readings
 from identification.observation.assembly import Problem
-from identification.observation.models import Kind, PositionView, View
+from identification.observation.models import Kind, OrientationView, PositionView, View
 from identification.observation.normal_equations import view_vector
 from identification.observation.pose import Pose
 
@@ -154,6 +154,11 @@ class Fit:
         return position_sigma(self.problem.views, self.solution)
 
     @property
+    def sigma_rad(self) -> float | None:
+        """Standard uncertainty of one component of an orientation, from the residuals, rad; None without any."""
+        return self.solution.sigma.get("orientation")
+
+    @property
     def declared(self) -> frozenset[Kind]:
         """Kinds whose noise is declared: none where rows are means, with the scatter of their readings for weights."""
         return frozenset() if self.survey.scatter else self.solution.declared
@@ -216,6 +221,17 @@ def _mean_precision(whiteners: Array) -> Array:
     """Of rows with a covariance, (n,), from factors L (n, 3, 3): trace(L'L) over how many components were measured."""
     squares = np.square(whiteners).sum(axis=2)
     return np.asarray(squares.sum(axis=1) / np.maximum(np.count_nonzero(squares, axis=1), 1))
+
+
+def turned_residuals(fit: Fit) -> Array:
+    """Measured minus predicted orientations (rows, 3), rad in the axes of the reference, NaN where not measured."""
+    out = np.full((fit.rows, 3), np.nan)
+    place, held = fit.problem.place(), np.zeros(len(fit.chain.ids))
+    for view in fit.problem.views:
+        if isinstance(view, OrientationView):
+            for part, gap in view.gaps(view_vector(view, place, fit.solution.values, held)):
+                out[view.index[part]] = gap.T
+    return out
 
 
 def residuals_of(views: Sequence[View], unknowns: Mapping[str, int], values: Array, held: Array, rows: int) -> Array:

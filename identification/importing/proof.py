@@ -22,7 +22,7 @@ from errormodel.surveys.diameters import said
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, groups, misses, sheet
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.columns import NEAR, wrong_column
-from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
+from identification.diagnosis.data_checks.orientations import orientation_notes
 from identification.diagnosis.data_checks.steps import Step
 from identification.importing.axes_as_points import refuse_axes_as_points
 from identification.importing.exchanged_rows import CURE, FEWEST_PROVED, refuse_exchanged, refuse_few_exchanged
@@ -70,6 +70,7 @@ class Proof:
     other : another order that fits as well, where the join is by order; looked for by an import.
     one_place : what a fit says where all commands are at one place.
     standings : where the measuring frames lie beside the machine.
+    oriented : what may be wrong with measured orientations.
     """
 
     rows: Index
@@ -89,6 +90,7 @@ class Proof:
     other: OtherOrder | None = None
     one_place: OnePlace | None = None
     standings: tuple[Standing, ...] = ()
+    oriented: tuple[str, ...] = ()
 
     @property
     def too_good(self) -> str:
@@ -130,8 +132,9 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
     _refuse_mirror(parts, survey)
     _refuse_mistakes(machine, survey, parts)
     one_place = None if survey.indicated else prove_one_place(chain, survey, parts)
+    oriented: tuple[str, ...] = ()
     if ORIENTATION[0] in survey.table:
-        refuse_foreign_orientations(survey, build(chain, survey).views)
+        oriented = orientation_notes(survey, build(chain, survey))
     rows = np.concatenate([r for r, _ in parts]) if parts else np.zeros(0, dtype=np.intp)
     nominal = np.vstack([p.pose().apply(p.nominal) for _, p in parts]) if parts else empty
     measured = np.vstack([p.measured for _, p in parts]) if parts else empty
@@ -154,7 +157,7 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
     return Proof(
         rows, nominal, measured, *figures, reach, repeats, 1e3 * scatter, dwell, wild, _follows(chain, survey), flat,
         tuple(steps), one_place=one_place,
-        standings=() if one_place or survey.indicated else standings(chain, survey, parts),
+        standings=() if one_place or survey.indicated else standings(chain, survey, parts), oriented=oriented,
     )  # fmt: skip
 
 

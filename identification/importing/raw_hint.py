@@ -7,10 +7,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from errormodel.exceptions import InputError
+from errormodel.exceptions import InputError, ReadValueError
 from errormodel.machine import Machine
 from errormodel.raw_formats.base import Asked, format_of, open_raw
-from errormodel.surveys.diameters import DiametersError
 
 if TYPE_CHECKING:
     from identification.sources import AnySurvey
@@ -27,7 +26,7 @@ def with_hint(survey: AnySurvey, machine: Machine) -> Iterator[None]:
     """
     try:
         yield
-    except DiametersError:  # of a table that was read
+    except ReadValueError:
         raise
     except InputError as error:
         path = Path(survey) if isinstance(survey, str | Path) else None

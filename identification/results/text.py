@@ -140,6 +140,12 @@ def _spread_lines(fit: Fit) -> Iterator[str]:
     tested = known and fit.solution.dof > 0
     chi = f", reduced chi-square {fit.solution.chi2 / fit.solution.dof:.3f}" if tested else ""
     yield f"\nnoise of one coordinate {1e3 * fit.sigma_mm:.2f} um ({how}), {fit.solution.dof} degrees of freedom{chi}"
+    if fit.sigma_rad is not None:
+        yield f"{_turning(1e6 * fit.sigma_rad)} (from residuals)"
+
+
+def _turning(urad: float) -> str:
+    return f"noise of one component of orientation {urad:.3g} urad"
 
 
 def _motion_lines(fit: Fit, motions: Motions) -> Iterator[str]:
@@ -220,6 +226,8 @@ def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:
     known = f" ({low:.2f} to {high:.2f}, 95 %)" if diagnosis.dof > 0 else ""
     yield f"verdict: {diagnosis.verdict}; noise of one {what} {diagnosis.noise_um:.2f} um{known}"
     weighed = ", rows weighed by their noise" if before != after and not diagnosis.findings else ""
+    if diagnosis.orientation_noise_urad is not None:
+        yield _turning(diagnosis.orientation_noise_urad)
     yield f"held out: {before} um rms before, {after} um after{weighed}"
     yield from _observation_lines(diagnosis.readings)
     if diagnosis.unexplained:

@@ -42,7 +42,8 @@ def inverse(v: np.ndarray) -> np.ndarray:
 WRONG = {
     "of the frame in the target": (inverse, "mrx=-mrx,mry=-mry,mrz=-mrz"),
     "two components exchanged": (lambda v: v[:, [1, 0, 2]], "mrx=mry,mry=mrx,mrz=mrz"),
-    "of other rows": (lambda v: np.roll(v, 1, axis=0), "in the frame of the points and with any mount"),
+    "one row late": (lambda v: np.roll(v, 1, axis=0), "taken from the row after they lie"),
+    "of other rows": (lambda v: np.roll(v, 7, axis=0), "in the frame of the points and with any mount"),
 }
 
 
@@ -63,7 +64,7 @@ def test_wrong_orientations_are_refused_with_what_fits(what: str) -> None:
 
 def test_an_import_refuses_them_or_leaves_them_out(tmp_path: Path) -> None:
     table = recorded()
-    table[TURNED] = np.roll(table[TURNED], 1, axis=0)
+    table[TURNED] = np.roll(table[TURNED], 7, axis=0)
     table.to_csv(tmp_path / "table.csv", index=False)
     with pytest.raises(InputError, match="in the frame of the points and with any mount"):
         import_survey(tmp_path / "table.csv", MACHINE)

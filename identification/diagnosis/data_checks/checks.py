@@ -17,7 +17,7 @@ from errormodel.arrays import Mask
 from errormodel.chain import Chain
 from errormodel.machine import Machine
 from errormodel.survey import Survey
-from errormodel.surveys.columns import MEASURED, READINGS
+from errormodel.surveys.columns import MEASURED, ORIENTATION, READINGS
 from identification.diagnosis.data_checks.blunder import Blunder
 from identification.diagnosis.data_checks.columns import wrong_column
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows, set_clock
@@ -66,5 +66,5 @@ def find_blunders(machine: Machine, survey: Survey, log: DecisionLog = UNRECORDE
 def without(survey: Survey, rows: Mask) -> Survey:
     """The survey with the measured values of some rows (mask) taken out; the rows stay, for what follows in order."""
     table = survey.table.copy()
-    table.loc[rows, [*MEASURED, *(c for c in READINGS if c in table)]] = np.nan
+    table.loc[rows, [*MEASURED, *(c for c in (*ORIENTATION, *READINGS) if c in table)]] = np.nan
     return replace(survey, table=table)

@@ -27,7 +27,7 @@ from identification.diagnosis.data_checks.duplicates_and_clock import copied_row
 from identification.diagnosis.data_checks.hand import left_handed
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
 from identification.diagnosis.data_checks.opposite_readings import opposite_readings
-from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
+from identification.diagnosis.data_checks.orientations import gross_notes, orientation_notes
 from identification.diagnosis.data_checks.readings import (
     lengths_of,
     refuse_exchanged_names,
@@ -78,9 +78,11 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
     else:
         refuse_exchanged_names(fit.chain, fit.survey, lengths)
         refuse_wild_lengths(survey, lengths)
-    fit = replace(fit, notes=(*fit.notes, *start_notes(fit.survey, lengths)))
     refuse_turned_head(fit)
-    refuse_foreign_orientations(survey, fit.problem.views)
+    oriented = orientation_notes(fit.survey, fit.problem)
+    fit = replace(
+        fit, notes=(*fit.notes, *start_notes(fit.survey, lengths), *oriented, *(() if robust else gross_notes(fit)))
+    )
     refuse_unstated_rotation(fit)
     nominal = fit.nominal
     if nominal.n and 1e-3 * nominal.max_um >= MACHINE_ERROR_SHARE * fit.chain.size:

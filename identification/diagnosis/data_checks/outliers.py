@@ -19,7 +19,7 @@ from identification.diagnosis.data_checks.contaminated_noise import (
 )
 from identification.diagnosis.decisions.constants import CLEARLY
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
-from identification.estimation.result import Fit
+from identification.estimation.result import Fit, turned_residuals
 
 GROSS = 10.0  # standard deviations of one component: Gaussian noise never gets there, knees and local defects rarely
 MOST = 0.15  # of the rows: more is not a handful of accidents; of all squares: one row that holds more is one
@@ -42,7 +42,22 @@ def gross_rows(fit: Fit, log: DecisionLog = UNRECORDED, *, explained: bool = Fal
         for label in fit.survey.observations:  # each has a noise of its own
             own = np.where(names == label, fit.readings.fitted, np.nan)
             gross |= _gross(fit, own[:, None], log, explained)
-    return gross
+    return gross | gross_orientations(fit, log, explained=explained)
+
+
+def gross_orientations(fit: Fit, log: DecisionLog = UNRECORDED, *, explained: bool = False) -> Mask:
+    """The same of measured orientations."""
+    if fit.sigma_rad is None:
+        return np.zeros(fit.rows, dtype=bool)
+    return _gross(fit, turned_residuals(fit), log, explained, "orientation of row", 1e6)
+
+
+def far_turned(fit: Fit, bad: Mask) -> str:
+    """Beside how far the points of some rows lie, how far their orientations do, where these are gross."""
+    turned = bad & gross_orientations(fit)
+    if not turned.any():
+        return ""
+    return f", {1e6 * np.linalg.norm(turned_residuals(fit)[turned], axis=1).max():.0f} urad"
 
 
 def masked_rows(fit: Fit, robust: Callable[[], Fit | None], log: DecisionLog = UNRECORDED) -> Mask:
@@ -56,8 +71,13 @@ def masked_rows(fit: Fit, robust: Callable[[], Fit | None], log: DecisionLog = U
     return _gross(other, other.sorting.residuals, log)
 
 
-def _gross(fit: Fit, residuals: Array, log: DecisionLog, explained: bool = False) -> Mask:
-    """The same of residuals (n, k), NaN where not measured: three coordinates, or one reading, of the same noise."""
+def _gross(
+    fit: Fit, residuals: Array, log: DecisionLog, explained: bool = False, name: str = "row", shown: float = 1e3
+) -> Mask:
+    """The same of residuals (n, k), NaN where not measured: three components, or one reading, of the same noise.
+
+    `name`, `shown`: what the log calls a row, and the factor of its numbers.
+    """
     measured = np.isfinite(residuals).sum(axis=1)
     seen = measured > 0
     if not seen.any():
@@ -73,10 +93,12 @@ def _gross(fit: Fit, residuals: Array, log: DecisionLog, explained: bool = False
     gross[seen] = square > farthest
     few = gross.sum() <= MOST * seen.sum()
     for row, far in zip(fit.survey.table["row"].to_numpy()[gross], square[gross[seen]], strict=True):
-        log.add("gross-outlier", "found", f"row {row}", 1e3 * float(np.sqrt(far)), 1e3 * float(np.sqrt(farthest)))
+        log.add(
+            "gross-outlier", "found", f"{name} {row}", shown * float(np.sqrt(far)), shown * float(np.sqrt(farthest))
+        )
     if not gross.any():
-        largest = 1e3 * float(np.sqrt(square.max()))
-        log.add("gross-outlier", "passed", "rows", largest, 1e3 * float(np.sqrt(farthest)))
+        largest = shown * float(np.sqrt(square.max()))
+        log.add("gross-outlier", "passed", f"{name}s", largest, shown * float(np.sqrt(farthest)))
     if not few:
         log.add("outlier-share", "refused", "rows", float(gross.sum() / seen.sum()), MOST)
     return gross if few else np.zeros_like(gross)

@@ -120,6 +120,7 @@ class Diagnosis:
     ----------
     points : whether the noise is that of a coordinate, not of a reading.
     dof : degrees of freedom that the final fit has left, by which the noise is known.
+    orientation_noise_urad : noise of one component of a measured orientation; None without any.
     """
 
     verdict: str
@@ -134,6 +135,7 @@ class Diagnosis:
     readings: tuple[ReadingSizes, ...] = ()
     points: bool = True
     dof: int = 0
+    orientation_noise_urad: float | None = None
 
     @property
     def noise_interval_um(self) -> tuple[float, float]:
@@ -142,7 +144,9 @@ class Diagnosis:
         return low * self.noise_um, high * self.noise_um
 
     def as_json(self) -> dict[str, Any]:
-        readings = {"readings": [asdict(r) for r in self.readings]} if self.readings else {}
+        more: dict[str, Any] = {"readings": [asdict(r) for r in self.readings]} if self.readings else {}
+        if self.orientation_noise_urad is not None:
+            more["orientation_noise_urad"] = self.orientation_noise_urad
         return {
             "schema": SCHEMA,
             "verdict": self.verdict,
@@ -150,7 +154,7 @@ class Diagnosis:
             "noise_interval_um": list(self.noise_interval_um),
             "baseline": self.baseline,
             "final": self.final,
-            **readings,
+            **more,
             "findings": [f.as_json() for f in self.findings],
             "untestable": [asdict(u) for u in self.untestable],
             "unexplained": self.unexplained,
