@@ -21,7 +21,8 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.blunder import listed
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
-from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.linear_model import UNSEEN, LinearModel
+from identification.diagnosis.linear.random_effects import EXACT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -76,8 +77,9 @@ def likelier_sides(
     many = float(np.log(max(len(tried), 1)))
     while tried:
         turned = [{**sides, t.joint: np.where(t.turned, -sides[t.joint], sides[t.joint])} for t in tried]
-        of_rows = [{name: side[fitted] for name, side in own.items()} for own in (sides, *turned)]
-        gains = _gains(linear, every, of_rows[0], of_rows[1:]) - many
+        own = {name: side[fitted] for name, side in sides.items()}
+        others = [{**own, t.joint: side[t.joint][fitted]} for t, side in zip(tried, turned, strict=True)]
+        gains = _gains(linear, every, own, others) - many
         best, instead = (int(k) for k in np.unravel_index(np.argmax(gains), gains.shape))
         found = gains[best, instead] > CLEAR
         for k in [best] if found else range(len(tried)):
@@ -147,7 +149,7 @@ def _gains(
     evidence = np.empty((1 + len(turned), len(every)))
     for n, effects in enumerate(every):
         beside = linear.with_effects(effects)
-        left = [_left_beside(beside, own) for own in (sides, *turned)]
+        left = list(_left_beside(beside, sides, turned))
         if not n:
             (square, rank), columns_of_first, freedom = left[0], beside.basis.shape[1], beside.freedom
         spared = columns_of_first - beside.basis.shape[1]
@@ -159,10 +161,26 @@ def _gains(
     return np.asarray(evidence[1:] - np.maximum(evidence[0, 0], evidence[0]))
 
 
-def _left_beside(beside: LinearModel, sides: Mapping[str, Array]) -> tuple[float, int]:
-    """What is left, squared, with motions that follow the `sides` of the joints (of the rows to fit); and columns."""
-    follows = np.zeros((6 * len(sides), beside.size))
-    for k, (joint, side) in enumerate(sides.items()):
+def _left_beside(
+    beside: LinearModel, sides: Mapping[str, Array], turned: Sequence[Mapping[str, Array]]
+) -> Iterator[tuple[float, int]]:
+    """What is left, squared, with motions that follow the `sides` of the joints (of the rows to fit); and columns.
+
+    Then the same with each of the other sides. All columns are projected at once; those of a joint whose sides are
+    the same are there once.
+    """
+    every = {(joint, id(side)): side for own in (sides, *turned) for joint, side in own.items()}
+    follows = np.zeros((6 * len(every), beside.size))
+    for k, ((joint, _), side) in enumerate(every.items()):
         follows[6 * k : 6 * k + 6, : len(beside.index)] = beside.levers[joint] * side[beside.index]
-    further = beside.beyond(follows)
-    return further.square, beside.basis.shape[1] + further.basis.shape[1]
+    norms = np.linalg.norm(follows, axis=1)
+    follows /= np.where(norms > 0, norms, 1.0)[:, None]
+    left = beside.project(beside.project(follows))
+    gram, slope, number = left @ left.T, left @ beside.residual, {key: k for k, key in enumerate(every)}
+    for own in (sides, *turned):
+        some = np.concatenate([6 * number[joint, id(side)] + np.arange(6) for joint, side in own.items()])
+        values, vectors = np.linalg.eigh(gram[np.ix_(some, some)])
+        kept = values > UNSEEN
+        along = vectors[:, kept].T @ slope[some]
+        square = max(beside.square - float(np.sum(along**2 / values[kept])), EXACT)
+        yield square, beside.basis.shape[1] + int(kept.sum())
