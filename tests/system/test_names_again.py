@@ -43,9 +43,7 @@ def test_a_form_leads_clearly_or_has_the_name(found: EffectModel, lead: float, n
 
 @pytest.mark.long
 def test_no_name_is_there_twice(found: EffectModel) -> None:
-    """A form that gets the name of another finding refines that, or is the same."""
+    """A finding that has the name of another one refines that, or is the same."""
     ((name, *_),) = found.findings
-    form = next(s for s in name.alternatives if s.effect.empirical)
-    form = replace(form, evidence=name.evidence, alternatives=(name,))
-    ((step,),) = with_names_again(of_groups(found.start, [[name], [form]]), DecisionLog()).findings
+    ((step,),) = with_names_again(of_groups(found.start, [[name], [name]]), DecisionLog()).findings
     assert step.effect == name.effect
