@@ -144,6 +144,17 @@ def test_what_acts_at_once_takes_the_temperature_of_its_row(growing: Path) -> No
         np.testing.assert_allclose(out["seconds"], out["one"], atol=1e-12)
 
 
+def test_dates_go_on_from_the_recording_where_a_lag_alone_takes_times(growing: Path, tmp_path: Path) -> None:
+    """The lag had begun anew, 4 um away, since no channel is the time itself."""
+    seen = pd.read_csv(growing / "s.csv")
+    _dated(seen.iloc[:50]).to_csv(tmp_path / "s.csv", index=False)
+    _dated(seen.iloc[50:].drop(columns=XYZ)).to_csv(tmp_path / "later.csv", index=False)
+    done("fit", growing / "machine.yaml", tmp_path / "s.csv", "--out", tmp_path / "fit")
+    table, said = _predicted(tmp_path, "fit", "later.csv")
+    np.testing.assert_allclose(table[XYZ], seen[XYZ].iloc[50:], atol=1e-4)  # of a noise of 1e-5
+    assert "acts late, and what it was before the first row is not known" not in said
+
+
 def test_noise_of_a_sensor_is_smoothed_as_in_the_fit(tmp_path: Path) -> None:
     """Later rows of the same recording are predicted by the course, and a note says so."""
     text = (Path(__file__).resolve().parents[2] / "machines" / f"{MILL}.yaml").read_text(encoding="utf-8")
