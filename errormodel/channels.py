@@ -32,16 +32,13 @@ from errormodel.exceptions import InputError, enumerated, nearest
 from errormodel.machine_rests import RESUMED_CHANNEL, resumed
 from errormodel.path_speed import RATE_CHANNEL, SPEED_CHANNEL, clock_speed, path_speed
 from errormodel.row_order import label_numbers, measured_order
+from errormodel.temperature_courses import by_label, clocks, settled
 
 if TYPE_CHECKING:
     import pandas as pd
 
 # Name of a derived channel. A sensor's name may hold commas and brackets: the number follows the last comma.
 DERIVED_CHANNEL = re.compile(r"(lag|initial|play)\((.+),([^,()]+)\)", re.DOTALL)
-# s, standard deviation of the weights: the fastest members follow the air in some ten minutes
-SMOOTHING_SECONDS = 240.0
-# K rms, least misfit of one common clock that shows clocks of their own for the runs; sensors' noise leaves 0.05
-CLOCK_MISFIT_KELVIN = 0.1
 # K between two rows of one clock and time that no noise and no rounded time explains; by judgement
 AT_ONCE_KELVIN = 0.5
 # columns that must be complete; positions may be missing in rows about another joint
@@ -153,53 +150,6 @@ def columns(table: pd.DataFrame, names: Sequence[str]) -> list[Array]:
     return [channel(smooth if name.startswith("T_") else table, name) for name in names]
 
 
-def settled(table: pd.DataFrame, names: Iterable[str]) -> pd.DataFrame:
-    """Table with the named temperatures smoothed over time by local linear regression, one clock at a time (`clocks`).
-
-    A member's temperature changes slowly, whereas a sensor adds noise to each row, which an effect of 10 um/K would
-    carry into every prediction. The window of `SMOOTHING_SECONDS` removes most of it and keeps changes that take longer
-    than a quarter of an hour, at any rate of rows. A table without time, or rows at one time (states given for a
-    prediction), are left as they are.
-    """
-    names = [n for n in names if n in table and table[n].notna().all()]
-    if not names or "time" not in table or not table["time"].notna().all():
-        return table
-    out, time = table.copy(), table["time"].to_numpy(dtype=np.float64)
-    for name in names:
-        recorded = table[name].to_numpy(dtype=np.float64)
-        values, clock = recorded.copy(), clocks(table, name)
-        for rows in _by_label(clock):
-            if np.ptp(time[rows]) > 0:
-                values[rows] = _local_line(time[rows], recorded[rows])
-        out[name] = values
-    return out
-
-
-def clocks(table: pd.DataFrame, name: str) -> Index:
-    """Label of the clock of each row: one of all files, one per file, or one per run.
-
-    Files and runs may share a clock, or each may start at zero. Where the time goes back, the column decides: the clock
-    is common if the column is a smooth function of the common time, else each file, or each run of it, has its own. A
-    table may hold the labels of a column already (`clock_name`).
-    """
-    if clock_name(name) in table:
-        return table[clock_name(name)].to_numpy()
-    time, values = table["time"].to_numpy(dtype=np.float64), table[name].to_numpy(dtype=np.float64)
-    out = np.zeros(len(table), dtype=np.intp)
-    for part in (["file"], ["file", "run"]):
-        if part[-1] in table:
-            labels = label_numbers(table, part)
-            for rows in _by_label(out):
-                if _own_clocks(time[rows], values[rows], labels[rows]):
-                    out[rows] = out.max() + 1 + labels[rows]
-    return out
-
-
-def clock_name(name: str) -> str:
-    """Of the column of a table that holds the clocks of another one."""
-    return f"clock({name})"
-
-
 def check_one_temperature(table: pd.DataFrame, names: Iterable[str]) -> None:
     """Raise InputError where one clock that runs has two temperatures of a sensor at one time."""
     if "time" not in table or not table["time"].notna().all():
@@ -207,7 +157,7 @@ def check_one_temperature(table: pd.DataFrame, names: Iterable[str]) -> None:
     time = table["time"].to_numpy(dtype=np.float64)
     for name in (n for n in names if n in table and table[n].notna().all()):
         values = table[name].to_numpy(dtype=np.float64)
-        for rows in _by_label(clocks(table, name)):
+        for rows in by_label(clocks(table, name)):
             order = rows[np.lexsort((values[rows], time[rows]))]
             first = np.concatenate([[True], np.diff(time[order]) > 0])
             lowest = order[np.maximum.accumulate(np.where(first, np.arange(len(order)), 0))]
@@ -222,47 +172,6 @@ def check_one_temperature(table: pd.DataFrame, names: Iterable[str]) -> None:
                     "If each row is a case of its own, in which the machine has settled, give all of them one time; "
                     "if they belong to several recordings, give each a run of its own, with times from its beginning",
                 )
-
-
-def _own_clocks(time: Array, values: Array, labels: Index) -> bool:
-    """Whether the time goes back, and values are a smooth function of it within each label only."""
-    if not (np.diff(time) < 0).any() or not np.ptp(labels):
-        return False
-    left = _rms(_local_line(time, values) - values)
-    each = [_local_line(time[rows], values[rows]) - values[rows] for rows in _by_label(labels)]
-    return left > max(CLOCK_MISFIT_KELVIN, 2 * _rms(np.concatenate(each)))
-
-
-def _by_label(labels: Index) -> list[Index]:
-    """Indices of the rows of each label."""
-    return [np.flatnonzero(labels == label) for label in np.unique(labels)]
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
-def _local_line(time: Array, values: Array) -> Array:
-    """Local linear regression with Gaussian weights of standard deviation `SMOOTHING_SECONDS`, on an even grid."""
-    start, end = float(time.min()), float(time.max())
-    step = max(SMOOTHING_SECONDS / 8, (end - start) / 1_000_000)
-    place = np.rint((time - start) / step).astype(np.intp)
-    size, x = int(place.max()) + 1, place - place.max() / 2
-    level = values.mean()
-    reach = int(5 * SMOOTHING_SECONDS / step)
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / SMOOTHING_SECONDS) ** 2)
-
-    def moment(weights: Array) -> Array:
-        sums = np.bincount(place, weights, minlength=size)
-        return np.convolve(sums, kernel)[reach:][place]
-
-    count, first, second = moment(np.ones_like(x)), moment(x), moment(x**2)
-    value, product = moment(values - level), moment(x * (values - level))
-    middle = first / count
-    spread = second / count - middle**2
-    slope = (product / count - middle * value / count) / (spread + 1.0)  # the added 1 keeps the value of a single row
-    out: Array = level + value / count + slope * (x - middle)
-    return out
 
 
 def needed_by_effects(names: Sequence[str]) -> str:
@@ -350,7 +259,7 @@ def initial(table: pd.DataFrame, name: str, tau: float) -> Array:
 def _by_clock(table: pd.DataFrame, name: str) -> list[Index]:
     """Indices of the rows of each clock of a column (`clocks`) that runs; rows at one time are no series."""
     time = channel(table, "time")
-    return [rows for rows in _by_label(clocks(table, name)) if np.ptp(time[rows]) > 0]
+    return [rows for rows in by_label(clocks(table, name)) if np.ptp(time[rows]) > 0]
 
 
 def lagged(time: Array, values: Array, tau: float) -> Array:

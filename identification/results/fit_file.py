@@ -118,6 +118,7 @@ class FitFile(_Part):
     clock_zero: Annotated[str, Field(pattern=DATE)] | None = None
     covered: dict[str, Annotated[list[Number], Field(min_length=2, max_length=2)]] = {}
     temperatures: dict[str, Annotated[list[list[Number]], AfterValidator(_as_many)]] = {}
+    temperature_noise: dict[str, NotNegative] = {}
     runs: list[str] = []
     open_signs: bool = False
     robust: bool = False

@@ -56,15 +56,19 @@ def in_clock_of(stored: StoredFit, commands: Survey) -> Survey:
 
     import numpy as np
 
-    from errormodel.channels import check_one_temperature, root
+    from errormodel.channels import check_one_temperature, lacking, root
     from errormodel.exceptions import InputError
 
     sensors = dict.fromkeys(map(root, stored.chain.channels))
     check_one_temperature(commands.table, [name for name in sensors if name.startswith("T_")])
-    if "time" not in commands.table or "time" not in map(root, stored.chain.channels):
+    depends, may = (
+        any("time" in lacking((), channels) for channels in models)
+        for models in ([stored.chain.channels], [o.channels(stored.chain.machine) for o in stored.others])
+    )
+    if "time" not in commands.table or not (depends or may):
         return commands
     zero = stored.data.get("clock_zero")
-    if zero is None and commands.clock_zero is not None:
+    if depends and zero is None and commands.clock_zero is not None:
         found = "dates, where the fitted survey has seconds: what they count from is not known"
         raise InputError(f"{commands.name}, column time", found, "Write seconds of the fitted survey's clock")
     if zero is None:

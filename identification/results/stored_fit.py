@@ -24,6 +24,7 @@ from identification.uncertainty.measured_range import covered
 from identification.uncertainty.one_side import only_sides
 from identification.uncertainty.other_effects import OtherEffect
 from identification.uncertainty.recording_end import runs_of, temperatures_of
+from identification.uncertainty.rows_in_time import temperature_noise
 
 Axes = Literal["measured", "machine"]
 SCHEMA = "errormodel.fit/1"
@@ -74,12 +75,14 @@ class StoredFit:
 
 def recorded(fit: Fit) -> dict[str, Any]:
     """What later predictions need to know of the recording: ranges, and the state in which it ended."""
-    zero = fit.survey.clock_zero
+    zero, machine = fit.survey.clock_zero, fit.chain.machine
+    models = [fit.chain.channels, *(other.channels(machine) for other in fit.others)]
     return {
         **({} if zero is None else {"clock_zero": str(np.datetime64(round(zero * 1e6), "us"))}),
         "covered": covered(fit.chain, fit.span),
         "only_sides": only_sides(fit),
-        "temperatures": temperatures_of(fit.chain, fit.span, [s for other in fit.others for s in other.sensors]),
+        "temperatures": temperatures_of(models, fit.span),
+        "temperature_noise": temperature_noise(models, fit.span),
         "runs": runs_of(fit.chain, fit.span),
         **({"open_signs": True} if sign_notes(fit.problem.views, fit.survey.indicated) else {}),
     }

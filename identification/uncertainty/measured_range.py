@@ -96,7 +96,9 @@ class Beyond:
         )
 
 
-def beyond_notes(chain: Chain, ranges: Mapping[str, list[float]], table: pd.DataFrame) -> Iterator[str]:
+def beyond_notes(
+    chain: Chain, ranges: Mapping[str, list[float]], table: pd.DataFrame, possible: Mapping[str, str]
+) -> Iterator[str]:
     """Notes on joints and channels whose values lie outside the fitted range: number of points and farthest row.
 
     The stated uncertainty is that of the parameters and assumes that the model holds there.
@@ -105,11 +107,12 @@ def beyond_notes(chain: Chain, ranges: Mapping[str, list[float]], table: pd.Data
     ----------
     ranges : lowest and highest fitted value by name, as `covered` returns them.
     table : points to predict, mm and rad.
+    possible : effects that may depend on channels, in words, by channel.
     """
     for found in farthest_beyond(chain, ranges, table):
         row = table.iloc[found.at]
         count = f"{found.count} point{'s lie' if found.count > 1 else ' lies'}"
-        there = _there(chain, found.name, found.acts)
+        there = _there(chain, found.name, found.acts, possible.get(found.name, ""))
         yield f"{count} {found.words} ({row['file']}, row {row['row']}). There {there}"
 
 
@@ -159,8 +162,13 @@ def unrecorded_load(ranges: Mapping[str, list[float]], table: pd.DataFrame) -> I
         )
 
 
-def _there(chain: Chain, name: str, acts: bool) -> str:
+def _there(chain: Chain, name: str, acts: bool, possible: str) -> str:
     """What the model does beyond what was measured of a channel: what has no name does not go on."""
+    if not acts and possible:
+        return (
+            f"the likeliest model does not depend on it, but {possible} may: what that would change, carried on "
+            "unproven, is in the uncertainty by its probability"
+        )
     if not acts:
         return "nothing in the model depends on it, and what it does to the machine was not seen"
     machine = chain.machine

@@ -19,8 +19,10 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.channels import GAPLESS, root
 from errormodel.effects import make
-from errormodel.effects.base import SENSORS, Effect
+from errormodel.effects.base import SENSORS
 from errormodel.machine import EffectSpec, Machine
+from identification.uncertainty.recording_end import lags
+from identification.uncertainty.rows_in_time import complete
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -71,20 +73,20 @@ class OtherEffect:
         """Other sensors than the machine's own effect has."""
         return [str(self.options[name]) for name in SENSORS if name in self.options]
 
+    def channels(self, machine: Machine) -> Sequence[str]:
+        """Channels that the effect depends on."""
+        return make(self.spec(machine.effects)).channels(machine)
+
     def missing(self, machine: Machine, table: pd.DataFrame) -> list[str]:
-        """Columns that it needs, and the machine's own effect does not, that are not there, or not in all rows."""
+        """Columns that it needs, and the machine's own effect does not, that are not there, or not in all rows.
+
+        What it takes late needs no times: without them each row is in equilibrium.
+        """
         own = machine.effects[self.effect : self.effect + 1]
-        known = [name for spec in own for name in _columns(make(spec), machine)]
-        needed = _columns(make(self.spec(machine.effects)), machine)
-        return [name for name in needed if name not in known and (name not in table or table[name].isna().any())]
-
-
-def _columns(effect: Effect, machine: Machine) -> list[str]:
-    """Columns of times, temperatures and other records that an effect needs."""
-    channels = effect.channels(machine)
-    roots = [root(c) for c in channels]
-    late = ["time"] if any(c.startswith("lag(") for c in channels) else []
-    return [name for name in (*roots, *late) if name.startswith(GAPLESS)]
+        known = {root(c) for spec in own for c in make(spec).channels(machine)}
+        needed = dict.fromkeys(root(c) for c in self.channels(machine))
+        lacking = [n for n in needed if n.startswith(GAPLESS) and (n not in table or table[n].isna().any())]
+        return [name for name in lacking if name not in known]
 
 
 def unrecorded(others: Iterable[OtherEffect], machine: Machine, table: pd.DataFrame) -> Iterator[str]:
@@ -98,13 +100,38 @@ def unrecorded(others: Iterable[OtherEffect], machine: Machine, table: pd.DataFr
             likeliest[key] = max(likeliest.get(key, other), other, key=lambda o: o.weight)
     for (number, name), chance in chances.items():
         found = make(likeliest[number, name].spec(machine.effects))
-        by = f"by {name}, which"
-        if name == "time" and "time" not in map(root, found.channels(machine)):
-            by = f"late (likeliest: by {getattr(found, 'tau', 0.0):.3g} s), which takes the time, and that"
         yield (
-            f"with a probability of {chance:.2f} {found.effect} of {found.where} acts {by} is not in all rows: what it "
-            f"would change is not in their uncertainty. Add the column {name}"
+            f"with a probability of {chance:.2f} {found.effect} of {found.where} acts by {name}, which is not in all "
+            f"rows: what it would change is not in their uncertainty. Add the column {name}"
         )
+
+
+def without_times(others: Iterable[OtherEffect], machine: Machine, table: pd.DataFrame) -> Iterator[str]:
+    """Notes on effects that may act late, where the rows have no times."""
+    if complete(table):
+        return
+    late = defaultdict[int, list[OtherEffect]](list)
+    for other in others:
+        if any(lags(other.channels(machine))):
+            late[other.effect].append(other)
+    for same in late.values():
+        likeliest = max(same, key=lambda other: other.weight)
+        found = make(likeliest.spec(machine.effects))
+        yield (
+            f"with a probability of {sum(other.weight for other in same):.2f} {found.effect} of {found.where} acts "
+            f"late (likeliest: by {getattr(found, 'tau', 0.0):.3g} s), and the rows have no times: in each its "
+            "temperature is taken to have been the same for long. Add the column time for the course that it had"
+        )
+
+
+def possible_causes(others: Iterable[OtherEffect], machine: Machine) -> dict[str, str]:
+    """What the recording leaves open, in words, by the column on which it depends; of the likeliest."""
+    out = dict[str, str]()
+    for other in sorted(others, key=lambda o: -o.weight):
+        effect, channels = make(other.spec(machine.effects)), other.channels(machine)
+        for name in (*map(root, channels), *(["time"] if any(lags(channels)) else [])):
+            out.setdefault(name, f"{effect.effect} of {effect.where}")
+    return out
 
 
 def perhaps_ended(others: Iterable[OtherEffect], machine: Machine, table: pd.DataFrame) -> Iterator[str]:

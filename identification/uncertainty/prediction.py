@@ -26,7 +26,14 @@ from identification.results.stored_fit import StoredFit
 from identification.uncertainty.estimated_targets import estimated_targets
 from identification.uncertainty.measured_range import beyond_notes, unrecorded_load
 from identification.uncertainty.one_side import from_other_sides
-from identification.uncertainty.other_effects import OtherEffect, perhaps_ended, unrecorded, with_other_effects
+from identification.uncertainty.other_effects import (
+    OtherEffect,
+    perhaps_ended,
+    possible_causes,
+    unrecorded,
+    with_other_effects,
+    without_times,
+)
 from identification.uncertainty.read_on_the_fly import on_the_fly, perhaps_at_rest
 from identification.uncertainty.reading_prediction import predicted_readings, rigid_parts
 from identification.uncertainty.recording_end import (
@@ -38,6 +45,7 @@ from identification.uncertainty.recording_end import (
     started_anew,
     with_runs,
 )
+from identification.uncertainty.rows_in_time import as_course, smoothed, timed, with_noise
 from identification.uncertainty.unknown_rests import rested, with_other_use
 from identification.uncertainty.unknown_sides import midway
 from identification.uncertainty.unknown_temperatures import with_unknown_temperatures
@@ -101,13 +109,15 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
         unturned = {label: replace(pose, rotation=np.eye(3)) for label, pose in fit.frames.items()}
         return predict(fit, points).assign(**predict(replace(fit, frames=unturned), points)[[*ERRORS]])
 
+    points = with_noise(points, fit.data.get("temperature_noise", {}))
     labels = _labels(fit, points)
     channels = _channels(fit, points)
     likeliest = _predict_rows(fit, channels, labels)
 
     def change(other: OtherEffect) -> Array:
         own = fit.with_effect(other)
-        return _predict_rows(own, _channels(own, points), labels, _positions) - likeliest[:, :3]
+        rows = replace(points, table=timed(own.chain.channels, points.table))
+        return _predict_rows(own, _channels(own, rows), labels, _positions) - likeliest[:, :3]
 
     recorded = fit.data.get("temperatures", {})
     out = with_unknown_temperatures(
@@ -175,7 +185,9 @@ def _labels(fit: StoredFit, points: Survey) -> Array:
 
 def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     """Notes on unchecked files, assumed rotations, rows in another run's frame, extrapolation, assumed directions."""
-    beyond = beyond_notes(fit.chain, fit.data.get("covered", {}), points.table)
+    machine, table = fit.chain.machine, points.table
+    others = [other for other in fit.others if not other.missing(machine, table)]
+    beyond = beyond_notes(fit.chain, fit.data.get("covered", {}), table, possible_causes(others, machine))
     free = (FREE_REFERENCE,) if fit.free_reference else ()
     own = (*fit.unlisted, *_turned(fit), *rotation_notes(fit.frames), *fit.sign_notes)
     temperatures = fit.data.get("temperatures", {})
@@ -184,13 +196,16 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     idle, moving = rested(fit.chain, points.table), on_the_fly(fit.chain, points.table)
     left = (LEFT.format(1e3 * fit.systematic),) if fit.systematic else ()
     misfit = (MISFIT.format(ratio),) if not left and (ratio := _misfit(fit)) ** 2 > MISFIT_RATIO else ()
-    mistakes = (MISTAKE.format(text=text) for text in mended_words(fit.chain.machine))
+    mistakes = (MISTAKE.format(text=text) for text in mended_words(machine))
     changes = (
+        *smoothed(fit.chain.channels, points, fit.data.get("temperature_noise", {})),
+        *as_course(fit.chain.channels, [other.channels(machine) for other in others], table),
         *late,
-        *unrecorded_load(fit.data.get("covered", {}), points.table),
-        *estimated_targets(fit.chain.machine, points.table),
-        *unrecorded(fit.others, fit.chain.machine, points.table),
-        *perhaps_ended(fit.others, fit.chain.machine, points.table),
+        *unrecorded_load(fit.data.get("covered", {}), table),
+        *estimated_targets(machine, table),
+        *unrecorded(fit.others, machine, table),
+        *without_times(others, machine, table),
+        *perhaps_ended(fit.others, machine, table),
         *ended,
         *idle,
         *moving,

@@ -14,7 +14,8 @@ import numpy as np
 
 from errormodel.arrays import Array, Mask
 from errormodel.chain import Chain
-from errormodel.channels import DERIVED_CHANNEL, channel, clocks, run_of
+from errormodel.channels import DERIVED_CHANNEL, channel, run_of
+from errormodel.temperature_courses import clocks
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,9 +27,9 @@ MOST_TIMES = 200  # of a recording that are kept: a time constant is seldom as s
 Recorded = Mapping[str, Sequence[Sequence[float]]]  # of each sensor that acts late: times (s), temperatures (degC)
 
 
-def lags(chain: Chain) -> Iterator[tuple[int, str, str, float]]:
-    """Lagged channels of a model: number, name, base channel and time constant, s."""
-    for number, name in enumerate(chain.channels):
+def lags(channels: Iterable[str]) -> Iterator[tuple[int, str, str, float]]:
+    """Lagged ones among the channels of a model: number, name, base channel and time constant, s."""
+    for number, name in enumerate(channels):
         call = DERIVED_CHANNEL.fullmatch(name)
         if call and call[1] in ("lag", "initial"):
             yield number, name, call[2], float(call[3])
@@ -36,18 +37,18 @@ def lags(chain: Chain) -> Iterator[tuple[int, str, str, float]]:
 
 def late_sensors(chain: Chain) -> list[str]:
     """Base channels that act late in a model, each once."""
-    return list(dict.fromkeys(base for _, _, base, _ in lags(chain)))
+    return list(dict.fromkeys(base for _, _, base, _ in lags(chain.channels)))
 
 
-def temperatures_of(chain: Chain, table: pd.DataFrame, further: Iterable[str] = ()) -> dict[str, list[list[float]]]:
+def temperatures_of(models: Iterable[Iterable[str]], table: pd.DataFrame) -> dict[str, list[list[float]]]:
     """What a recording has of each sensor that acts late; nothing where its rows have several clocks, or one time.
 
     Parameters
     ----------
-    further : sensors that may act late as well.
+    models : the channels of a model, and of others that the recording leaves open.
     """
     out = {}
-    for base in dict.fromkeys([*late_sensors(chain), *further]):
+    for base in dict.fromkeys(base for channels in models for _, _, base, _ in lags(channels)):
         if is_series(table, base):
             time = channel(table, "time")
             kept = np.argsort(time, kind="stable")
@@ -70,7 +71,7 @@ def continued(chain: Chain, recorded: Recorded, table: pd.DataFrame, columns: li
     nothing is left where the commands have no clock in common with it.
     """
     out, series = list(columns), on_one_clock(chain, recorded, table)
-    for number, name, base, _ in lags(chain):
+    for number, name, base, _ in lags(chain.channels):
         if base in series:
             out[number] = channel(series[base], name)[-len(table) :]
         elif name.startswith("initial("):
@@ -115,7 +116,7 @@ def started_anew(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> Itera
 def after_gaps(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> Iterator[str]:
     """Notes on temperatures that act late, and that nothing tells of for longer than they do before the first row."""
     series, longer = on_one_clock(chain, recorded, table), dict[str, tuple[float, float]]()
-    for _, _, base, tau in lags(chain):
+    for _, _, base, tau in lags(chain.channels):
         if base in series and (gap := channel(table, "time").min() - max(recorded[base][0])) > tau:
             longer.setdefault(base, (gap, tau))
     for base, (gap, tau) in longer.items():

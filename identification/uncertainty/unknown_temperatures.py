@@ -54,7 +54,7 @@ def with_unknown_temperatures(
         time = channel(table, "time")
         astray = {
             number: channels[number] + led_astray(before, values, time, tau, goes_on=base in series)
-            for number, name, of, tau in lags(chain)
+            for number, name, of, tau in lags(chain.channels)
             if of == base and name.startswith("lag(")
         }
         half = half_change(channels, labels, predicted, predict, everywhere, astray)

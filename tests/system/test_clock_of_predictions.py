@@ -9,6 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from errormodel.chain import Chain
+from errormodel.machine_file import read_machine
 from identification import load
 from tests.helpers.commands import MILL, XYZ, done, run, write
 
@@ -120,3 +122,59 @@ def test_one_clock_has_one_temperature_at_a_time(growing: Path) -> None:
             moved = table[XYZ].iloc[4:].to_numpy() - table[XYZ].iloc[2:4].to_numpy()
             grown = 1.1e-5 * np.abs(poses["X"].to_numpy())
             np.testing.assert_allclose(np.linalg.norm(moved, axis=1), grown, atol=2e-5)
+
+
+def test_what_acts_at_once_takes_the_temperature_of_its_row(growing: Path) -> None:
+    """Three states a second apart were smoothed into one, in silence; what acts late follows them, which is said."""
+    late = "tau" in (growing / "machine.yaml").read_text(encoding="utf-8")
+    pose = pd.read_csv(growing / "p.csv").drop(columns=["time", "T_bed"]).head(1).assign(X=300.0)
+    warm = np.array([20.2, 21.2, 22.1])
+    states = pd.concat([pose] * 3).assign(T_bed=warm)
+    out = dict[str, np.ndarray]()
+    for name, time in (("seconds", [0.0, 1.0, 2.0]), ("one", 0.0), ("days", [86400.0, 172800.0, 259200.0])):
+        states.assign(time=time).to_csv(growing / "states.csv", index=False)
+        table, said = _predicted(growing, "fit", "states.csv")
+        out[name] = table["ex"].to_numpy()
+        assert ("T_bed acts up to 900 s late, and changes by 1 K in 1 s" in said) == (late and name == "seconds")
+    np.testing.assert_allclose(np.diff(out["one"]), 300 * 1.1e-5 * np.diff(warm), rtol=0.01)
+    np.testing.assert_allclose(out["days"], out["one"], atol=1e-4 if late else 1e-12)
+    if late:
+        assert np.ptp(out["seconds"]) < 0.01 * np.ptp(out["one"])
+    else:
+        np.testing.assert_allclose(out["seconds"], out["one"], atol=1e-12)
+
+
+def test_dates_go_on_from_the_recording_where_a_lag_alone_takes_times(growing: Path, tmp_path: Path) -> None:
+    """The lag had begun anew, 4 um away, since no channel is the time itself."""
+    seen = pd.read_csv(growing / "s.csv")
+    _dated(seen.iloc[:50]).to_csv(tmp_path / "s.csv", index=False)
+    _dated(seen.iloc[50:].drop(columns=XYZ)).to_csv(tmp_path / "later.csv", index=False)
+    done("fit", growing / "machine.yaml", tmp_path / "s.csv", "--out", tmp_path / "fit")
+    table, said = _predicted(tmp_path, "fit", "later.csv")
+    np.testing.assert_allclose(table[XYZ], seen[XYZ].iloc[50:], atol=1e-4)  # of a noise of 1e-5
+    assert "acts late, and what it was before the first row is not known" not in said
+
+
+def test_noise_of_a_sensor_is_smoothed_as_in_the_fit(tmp_path: Path) -> None:
+    """Later rows of the same recording are predicted by the course, and a note says so."""
+    text = (Path(__file__).resolve().parents[2] / "machines" / f"{MILL}.yaml").read_text(encoding="utf-8")
+    machine = write(tmp_path / "machine.yaml", f"{text}\neffects: [{{effect: spindle-growth, sensor: T_spindle}}]\n")
+    done("simulate", MILL, 200, "--out", tmp_path / "p.csv")
+    time = 40.0 * np.arange(200)
+    points = pd.read_csv(tmp_path / "p.csv").drop(columns=XYZ).assign(time=time)
+    warm = 20 + 6 * (1 - np.exp(-time / 3000))
+    points.assign(T_spindle=warm).to_csv(tmp_path / "c.csv", index=False)
+    (grown,) = (i for i in Chain(read_machine(machine)).ids if "spindle-growth" in i)
+    truth = write(tmp_path / "truth.yaml", f"parameters: {{{grown}: 0.02}}\n")
+    done("simulate", machine, tmp_path / "c.csv", "--parameters", truth, "--out", tmp_path / "s.csv")
+    seen = pd.read_csv(tmp_path / "s.csv")
+    noisy = seen.assign(T_spindle=warm + np.random.default_rng(1).normal(0, 0.05, 200))
+    noisy.iloc[:120].to_csv(tmp_path / "s.csv", index=False)
+    done("fit", machine, tmp_path / "s.csv", "--out", tmp_path / "fit")
+    noise = json.loads((tmp_path / "fit/fit.json").read_text())["temperature_noise"]["T_spindle"]
+    assert noise == pytest.approx(0.05, rel=0.25)
+    noisy.iloc[120:].drop(columns=XYZ).to_csv(tmp_path / "later.csv", index=False)
+    table, said = _predicted(tmp_path, "fit", "later.csv")
+    off = (table[XYZ] - seen[XYZ].iloc[120:].reset_index(drop=True)).to_numpy()
+    assert np.sqrt(np.mean(off[:, 2] ** 2)) < 0.6 * 0.02 * 0.05
+    assert "T_spindle (by up to 0." in said

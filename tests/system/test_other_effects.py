@@ -14,8 +14,10 @@ from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.effects import make
 from errormodel.effects.base import NOT_SETTLED
+from errormodel.instruments.plain import Plain
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
+from errormodel.simulation import random_points
 from errormodel.survey import Survey, read_survey
 from identification.diagnosis.linear.of_fit import set_up
 from identification.diagnosis.pipeline import diagnose
@@ -24,7 +26,8 @@ from identification.diagnosis.search.other_lags import _of_departures
 from identification.estimation.fit import fit_machine, parameters_of
 from identification.results import store
 from identification.results.predictions import predicted
-from identification.uncertainty.other_effects import OtherEffect, unrecorded
+from identification.results.stored_fit import StoredFit
+from identification.uncertainty.other_effects import OtherEffect, unrecorded, without_times
 from identification.uncertainty.prediction import notes
 from tests.helpers.commands import MILL, XYZ, done, run
 from tests.helpers.diagnosed import empty_survey, showing
@@ -275,7 +278,93 @@ def test_a_lag_that_is_possible_is_named_as_that() -> None:
     own = EffectSpec("structure-drift", {"element": "column", "motion": "dy", "sensor": "T_bed"})
     machine = replace(machine, effects=(own,))
     others = [OtherEffect(0, {"tau": tau}, weight, {}) for tau, weight in ((42.0, 0.5), (900.0, 0.16))]
-    (note,) = unrecorded(others, machine, pd.DataFrame({"T_bed": [21.0, 22.0]}))
-    assert note.startswith("with a probability of 0.66 structure-drift of column acts late (likeliest: by 42 s), which")
-    assert note.endswith("Add the column time")
-    assert not list(unrecorded(others, machine, pd.DataFrame({"T_bed": [21.0, 22.0], "time": [0.0, 60.0]})))
+    states = pd.DataFrame({"T_bed": [21.0, 22.0]})
+    (note,) = without_times(others, machine, states)
+    assert note.startswith("with a probability of 0.66 structure-drift of column acts late (likeliest: by 42 s), and")
+    assert "Add the column time" in note
+    assert not list(unrecorded(others, machine, states))
+    assert not list(without_times(others, machine, states.assign(time=[0.0, 60.0])))
+    assert not list(without_times([OtherEffect(0, {"sensor": "T_air"}, 0.5, {})], machine, states))
+
+
+@pytest.fixture
+def perhaps_late(tmp_path: Path) -> StoredFit:
+    """A fit in which the column may follow T_bed late, at once, or both: an effect, and one that is not among them."""
+    done("simulate", MILL, 60, "--noise", 0.002, "--out", tmp_path / "s.csv")
+    time = 60.0 * np.arange(60)
+    table = pd.read_csv(tmp_path / "s.csv").assign(time=time, T_bed=20 + time / 900, T_air=20 + time / 1200)
+    table.to_csv(tmp_path / "s.csv", index=False)
+    column = {"element": "column", "motion": "dy", "sensor": "T_bed"}
+    machine = replace(read_machine(MILL), effects=(EffectSpec("structure-drift", column),))
+    fit = fit_machine(machine, read_survey(tmp_path / "s.csv", machine))
+    further = column | {"motion": "dx", "sensor": "T_air", "tau": 600.0}
+    trials = (OtherEffect(0, {"tau": 600.0}, 0.25, {}), OtherEffect(1, further, 0.25, {}, "structure-drift"))
+    others = []
+    for trial in trials:
+        values = parameters_of(trial.machine(machine), fit)
+        others.append(trial.fitted({n: 0.005 if "structure-drift" in n else v for n, v in values.items()}))
+    store.save(replace(fit, others=tuple(others)), tmp_path / "fit")
+    stored = store.load(tmp_path / "fit")
+    return replace(stored, values={n: 0.005 if "structure-drift" in n else v for n, v in stored.values.items()})
+
+
+def states(fit: StoredFit, warm: list[float], **columns: float | list[float]) -> Survey:
+    """One pose of a machine at some temperatures."""
+    table = random_points(fit.chain.machine, len(warm), 1)
+    same = {n: table[n].iloc[0] for n in "XYZ"} | dict.fromkeys(XYZ, np.nan)
+    table = table.assign(**same, T_bed=warm, T_air=warm, file="p.csv", run="1", row=range(1, len(warm) + 1), **columns)
+    return Survey(table, "shared", (), Plain(), Path())
+
+
+def test_what_may_act_late_is_in_equilibrium_where_rows_have_no_times(perhaps_late: StoredFit) -> None:
+    """Also what was not found: it had been left out of the uncertainty."""
+    warm = [20.0, 24.0]
+    without, settled = (
+        predicted(perhaps_late, states(perhaps_late, warm, **time)) for time in ({}, {"time": [7200.0, 7200.0]})
+    )
+    np.testing.assert_allclose(without[[*XYZ, *UNCERTAINTY]], settled[[*XYZ, *UNCERTAINTY]], atol=1e-12)
+    for other in perhaps_late.others:
+        rest = tuple(o for o in perhaps_late.others if o is not other)
+        less = predicted(replace(perhaps_late, others=rest), states(perhaps_late, warm))
+        axis = "uy" if other.effect == 0 else "ux"
+        assert (without[axis] > less[axis]).all()
+        assert other.effect == 0 or (without[axis] - less[axis]).max() > 1e-3
+    said = notes(perhaps_late, states(perhaps_late, warm))
+    assert sum("acts late (likeliest: by 600 s), and the rows have no times" in note for note in said) == 2
+
+
+def test_cases_a_second_apart_are_as_uncertain_as_what_may_act_late(perhaps_late: StoredFit) -> None:
+    """The likeliest model takes the temperature of each row at once; a quarter of the others hardly sees it."""
+    warm = [20.0, 24.0, 20.0]
+    alone = replace(perhaps_late, others=())
+    quick, one = (states(perhaps_late, warm, time=t) for t in ([90000.0, 90001.0, 90002.0], 90000.0))
+    np.testing.assert_allclose(predicted(alone, quick)[XYZ], predicted(alone, one)[XYZ], atol=1e-12)
+    (late,) = (o for o in perhaps_late.others if o.effect == 0)
+    own, other = (predicted(f, quick)["my"] for f in (alone, alone.with_effect(late)))
+    assert abs(other[1] - own[1]) > 0.01
+    u, less = (predicted(f, quick)["uy"] for f in (replace(perhaps_late, others=(late,)), alone))
+    assert u[1] ** 2 - less[1] ** 2 == pytest.approx(0.25 * (other[1] - own[1]) ** 2)
+    said = " ".join(notes(perhaps_late, quick))
+    assert "T_bed may act up to 600 s late, and changes by 4 K in 1 s" in said
+    assert "may act up to" not in " ".join(notes(perhaps_late, one))
+
+
+def test_what_may_act_late_goes_on_from_the_recording(perhaps_late: StoredFit) -> None:
+    """Also where the likeliest model has it at once, and where it is not in it."""
+    assert set(perhaps_late.data["temperatures"]) == {"T_bed", "T_air"}
+    assert set(perhaps_late.data["temperature_noise"]) == {"T_bed"}
+
+
+def test_notes_do_not_say_that_nothing_depends_on_what_may_act(perhaps_late: StoredFit) -> None:
+    """Both the time and a temperature that is not in the likeliest model."""
+    points = states(perhaps_late, [40.0, 40.0], time=[90000.0, 180000.0])
+    said = [note for note in notes(perhaps_late, points) if "beyond what was measured" in note]
+    assert [("measured of time" in n, "measured of T_air" in n, "measured of T_bed" in n) for n in said].count(
+        (False, False, True)
+    ) == 1
+    for name in ("time", "T_air"):
+        (note,) = (note for note in said if f"measured of {name}" in note)
+        assert "the likeliest model does not depend on it, but structure-drift of column may" in note
+        assert "nothing in the model" not in note
+        (plain,) = (n for n in notes(replace(perhaps_late, others=()), points) if f"measured of {name}" in n)
+        assert "nothing in the model depends on it" in plain

@@ -91,5 +91,5 @@ def test_nothing_lies_beyond_what_was_measured_all_round() -> None:
         chain = volume.field.chain
         ranges = covered(chain, table)
         assert ranges["C"] == pytest.approx([0, 180 if said else 360])
-        notes = [*beyond_notes(chain, ranges, table.assign(C=np.radians(350)))]
+        notes = [*beyond_notes(chain, ranges, table.assign(C=np.radians(350)), {})]
         assert any("beyond what was measured of C" in note for note in notes) == said

@@ -47,7 +47,7 @@ def test_two_halves_are_the_whole(chain: Chain) -> None:
     whole = chain.columns(table)[number]
     first, later = table.iloc[:50], table.iloc[50:].reset_index(drop=True)
     anew = chain.columns(later)
-    history = temperatures_of(chain, first)
+    history = temperatures_of([chain.channels], first)
     went_on = continued(chain, history, later, anew)
     np.testing.assert_allclose(went_on[number], whole[50:], rtol=1e-12)
     assert np.abs(anew[number] - whole[50:]).max() > 2  # K: what a start in equilibrium makes of it
@@ -60,7 +60,7 @@ def test_commands_within_the_recording(chain: Chain) -> None:
     table = warming(chain)
     number = chain.channels.index(LAG)
     some = table.iloc[20::7].reset_index(drop=True)
-    recorded = temperatures_of(chain, table)
+    recorded = temperatures_of([chain.channels], table)
     went_on = continued(chain, recorded, some, chain.columns(some))
     np.testing.assert_allclose(went_on[number], chain.columns(table)[number][20::7], rtol=1e-9)
     assert not list(started_anew(chain, recorded, some))
@@ -80,7 +80,7 @@ def test_what_differed_in_the_first_row_fades() -> None:
     np.testing.assert_allclose(got, np.interp(time, steps, state), atol=2e-3)
     first, later = whole.iloc[:40], whole.iloc[40:].reset_index(drop=True)
     number = chain.channels.index("initial(T_bed,1800)")
-    history = temperatures_of(chain, first)
+    history = temperatures_of([chain.channels], first)
     both = continued(chain, history, later, chain.columns(later))
     np.testing.assert_allclose(both[number], channels["initial(T_bed,1800)"][40:])
     cold = later.assign(time=later["time"] - 8000.0)
@@ -90,7 +90,7 @@ def test_what_differed_in_the_first_row_fades() -> None:
 def test_a_gap_that_is_longer_than_the_lag_is_said(chain: Chain) -> None:
     table = warming(chain)
     first, later = table.iloc[:50], table.iloc[50:].reset_index(drop=True)
-    recorded = temperatures_of(chain, first)
+    recorded = temperatures_of([chain.channels], first)
     assert not list(after_gaps(chain, recorded, later))
     (note,) = after_gaps(chain, recorded, later.assign(time=later["time"] + 4 * 3600))
     assert "T_bed acts 30 min late" in note
@@ -100,7 +100,7 @@ def test_a_gap_that_is_longer_than_the_lag_is_said(chain: Chain) -> None:
 def test_of_long_recordings_few_times_are_kept(chain: Chain) -> None:
     table = warming(chain, 5000)
     number = chain.channels.index(LAG)
-    recorded = temperatures_of(chain, table)
+    recorded = temperatures_of([chain.channels], table)
     assert len(recorded["T_bed"][0]) == 200
     some = table.iloc[2000::90].reset_index(drop=True)
     went_on = continued(chain, recorded, some, chain.columns(some))
@@ -124,7 +124,7 @@ def test_files_on_one_clock_are_one_series(chain: Chain) -> None:
     order = np.r_[50:80, 0:50]
     turned = files.iloc[order].reset_index(drop=True)
     np.testing.assert_allclose(chain.columns(turned)[number], whole[order], rtol=1e-12)
-    assert temperatures_of(chain, files)
+    assert temperatures_of([chain.channels], files)
 
 
 @pytest.mark.parametrize("case", ["earlier times", "one time", "clocks of their own", "recorded with clocks"])
@@ -139,7 +139,7 @@ def test_other_clocks_start_anew(chain: Chain, case: str) -> None:
         later = begun_again(later, 15)
     else:
         first = begun_again(first, 25)
-    history = temperatures_of(chain, first)
+    history = temperatures_of([chain.channels], first)
     assert bool(history) == (case != "recorded with clocks")
     anew = chain.columns(later)
     assert all(a is b for a, b in zip(continued(chain, history, later, anew), anew, strict=True))

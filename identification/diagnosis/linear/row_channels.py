@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from errormodel.arrays import Array, Index, Mask
-from errormodel.channels import POINT_CHANNELS, clock_name, clocks, columns, root
+from errormodel.channels import POINT_CHANNELS, columns, root
 from errormodel.survey import Survey
+from errormodel.temperature_courses import clock_name, clocks
 
 
 class LazyChannels(dict[str, Array]):
