@@ -173,6 +173,12 @@ class View(ABC):
         kernel = self.chain.kernel("actual" if p.any() else "nominal", (), self.fixed, outputs)
         return ((part, kernel.expand(functions)) for part, functions in kernel.blocks(self.rows, p))
 
+    @property
+    def commanded(self) -> Array:
+        """Orientations (n, 3, 3) of the last frame in the reference's axes, without errors."""
+        parts = self.pose_at(np.zeros(len(self.chain.ids)), tuple(range(3, 12)))
+        return np.concatenate([turned.reshape(3, 3, -1).transpose(2, 1, 0) for _, turned in parts])
+
     @abstractmethod
     def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
         """Measured minus predicted at the chain's parameters `p`, mm or rad: (len(outputs), m) per block."""

@@ -12,13 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 from errormodel.surveys.columns import MEASURED
 from identification.diagnosis.data_checks.declared_errors import CLEARLY, DeclaredErrors
 from identification.estimation.orthonormal_basis import orthonormal_basis
 from identification.estimation.result import Fit
-from identification.observation.models import PositionView
 from identification.observation.open_signs import at_one_place
 
 BETTER = 1.5  # times the residual standard deviation
@@ -82,7 +80,7 @@ def assigned(fit: Fit) -> Assigned | None:
     if as_stated is None:
         return None
     views, gaps, basis, freedom = as_stated.views, as_stated.gaps, as_stated.basis, as_stated.freedom
-    tools = [_orientation(v) for v in views]
+    tools = [v.commanded for v in views]
     zeros = np.vstack(
         [v.whiten(slice(None), t.transpose(2, 1, 0)).reshape(3, -1).T for v, t in zip(views, tools, strict=True)]
     )
@@ -104,15 +102,6 @@ def assigned(fit: Fit) -> Assigned | None:
     ratio = deviation(as_written) / max(deviation(best), np.finfo(float).tiny)
     found = Assigned(best, ratio, freedom * float(np.log(max(ratio, np.finfo(float).tiny))))
     return found if ratio > BETTER and found.log_ratio > CLEARLY else None
-
-
-def _orientation(view: PositionView) -> Array:
-    """Nominal rotations (n, 3, 3) from the tool's axes into the reference's."""
-    kernel = view.chain.kernel("nominal", (), view.fixed, tuple(range(3, 12)))
-    zero = np.zeros(len(view.chain.ids))
-    return np.concatenate(
-        [kernel.expand(f).reshape(3, 3, -1).transpose(2, 1, 0) for _, f in kernel.blocks(view.rows, zero)]
-    )
 
 
 def _best_effect(fit: Fit) -> float:

@@ -213,16 +213,7 @@ class _Joint:
         self.structure = _structure(left, points, [_orders(joints[v.index]) for v in points])
         self.count, self.angles = sum(v.count for v in points), 3 * sum(map(len, self.seen))
         self.unknowns = len(base)
-        self.commanded = [
-            np.concatenate(
-                [
-                    kernel.expand(f).reshape(3, 3, -1).transpose(2, 1, 0)
-                    for kernel in (v.chain.kernel("nominal", (), v.fixed, tuple(range(3, 12))),)
-                    for _, f in kernel.blocks(v.rows, zero)
-                ]
-            )
-            for v in self.seen
-        ]
+        self.commanded = [v.commanded for v in self.seen]
 
     @property
     def by_chance(self) -> float:

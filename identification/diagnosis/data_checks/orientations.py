@@ -65,12 +65,7 @@ def gross_notes(fit: Fit) -> Iterator[str]:
 
 
 def _refuse_foreign(survey: Survey, view: OrientationView) -> None:
-    kernel = view.chain.kernel("nominal", (), view.fixed, tuple(range(3, 12)))
-    zero = np.zeros(len(view.chain.ids))
-    commanded = np.concatenate(
-        [kernel.expand(f).reshape(3, 3, -1).transpose(2, 1, 0) for _, f in kernel.blocks(view.rows, zero)]
-    )
-    turn = view.pose.rotation
+    commanded, turn = view.commanded, view.pose.rotation
     vectors = survey.table[list(ORIENTATION)].to_numpy(dtype=float)[view.index]
     off = _misfit(turn, vectors, commanded)
     if off < FAR:
