@@ -16,6 +16,8 @@ Columns = NDArray[np.floating[Any]]  # single precision too, where there are man
 Rows = slice | Index | Mask  # anything that selects rows of an array
 Numbers = Sequence[float] | Array
 
+MAD_STD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
+
 
 def as_rows(*columns: NDArray[Any]) -> list[Array]:
     """Contiguous float64 columns, as kernels require (a strided view would be copied in every block)."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Array, Index
+from errormodel.arrays import MAD_STD, Array, Index
 from errormodel.row_order import label_numbers
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ CLOCK_MISFIT_KELVIN = 0.1
 # recordings of six simulators by others 47 departed by 4.5 at most, and three that did by 6 were predicted as well, or
 # better, as they were given
 NOISE_REACHES = 5.0
-MAD_STD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 
 
 def settled(table: pd.DataFrame, names: Iterable[str]) -> pd.DataFrame:

@@ -6,7 +6,7 @@ parameter has the same meaning at other poses.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import permutations
 from math import hypot
 from typing import Literal
@@ -120,7 +120,7 @@ def retracted_end(machine: Machine, joint: Joint, given: End | None) -> End:
     """End of travel at which a member is retracted; by default the end from which it moves towards the tool."""
     if given is not None:
         return given
-    return "high" if _ahead(machine, joint) < 0 else "low"
+    return "high" if _ahead(joint, _reach(machine, joint)) < 0 else "low"
 
 
 def member_of(machine: Machine, joint: Joint) -> Literal["ram", "slide", ""]:
@@ -135,37 +135,30 @@ def member_of(machine: Machine, joint: Joint) -> Literal["ram", "slide", ""]:
         return "slide"
     if len(machine.joints) == 1:
         return ""
-    arms, own = _arms(machine, joint), _arms_to_the_next(machine, joint)
-    words = {word for some in (arms, own) if (word := _along(joint, some))}
+    words = {_towards(joint, _reach(machine, joint, to_head)) for to_head in (False, True)} - {""}
     return words.pop() if len(words) == 1 else ""
 
 
-def _along(joint: Joint, arms: Sequence[Vector]) -> Literal["ram", "slide", ""]:
-    """Whether arms, mm, reach out along a joint's axis; "" where they have no length."""
-    reach = [sum(v) for v in zip(*arms, strict=True)]
-    along, whole = sum(a * v for a, v in zip(joint.axis, reach, strict=True)) ** 2, sum(v**2 for v in reach)
+def _towards(joint: Joint, reach: Vector) -> Literal["ram", "slide", ""]:
+    """Whether a reach, mm, is along a joint's axis; "" where it has no length."""
+    along, whole = _ahead(joint, reach) ** 2, sum(v**2 for v in reach)
     if not whole:
         return ""
     return "ram" if 2 * along > whole else "slide"
 
 
-def _arms(machine: Machine, joint: Joint) -> list[Vector]:
-    """Offsets from a joint to the tool, mm, with all joints at zero."""
+def _reach(machine: Machine, joint: Joint, to_head: bool = False) -> Vector:
+    """Offset from a joint to the tool, mm, with all joints at zero; or `to_head`, the next rotary joint, if any."""
     later = machine.elements[machine.elements.index(joint) + 1 :]
-    return [*(e.offset for e in later if not isinstance(e, Joint)), machine.tool]
+    turning = [k for k, e in enumerate(later) if to_head and isinstance(e, Joint) and e.type == "rotary"]
+    arms = [e.offset for e in later[: turning[0] if turning else None] if not isinstance(e, Joint)]
+    x, y, z = zip(*arms, (0.0, 0.0, 0.0) if turning else machine.tool, strict=True)
+    return sum(x), sum(y), sum(z)
 
 
-def _arms_to_the_next(machine: Machine, joint: Joint) -> list[Vector]:
-    """Offsets from a joint to the next rotary one, or to the tool, mm, with all joints at zero."""
-    later = machine.elements[machine.elements.index(joint) + 1 :]
-    turning = next((k for k, e in enumerate(later) if isinstance(e, Joint) and e.type == "rotary"), None)
-    arms = [e.offset for e in later[:turning] if not isinstance(e, Joint)]
-    return arms if turning is not None else [*arms, machine.tool]
-
-
-def _ahead(machine: Machine, joint: Joint) -> float:
-    """Distance of the tool from a joint along the joint's axis, mm."""
-    return sum(a * v for arm in _arms(machine, joint) for a, v in zip(joint.axis, arm, strict=True))
+def _ahead(joint: Joint, reach: Vector) -> float:
+    """How far a reach goes along a joint's axis, mm."""
+    return sum(a * v for a, v in zip(joint.axis, reach, strict=True))
 
 
 def crossing(scene: Scene) -> Iterator[tuple[Joint, Joint]]:

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import MAD_STD, Array
 from errormodel.observations.base import LineError
 
 SAME_PLACE = 1e-3  # of the distance: solutions that lie closer together are one
@@ -202,7 +202,7 @@ def interruptions(points: Array, readings: Array, place: Array) -> list[tuple[in
             break
         low, high = max([0, *(k for k in found if k < at)]), min([n, *(k for k in found if k > at)])
         shorter = slice(at, high) if high - at <= at - low else slice(low, at)
-        scatter = 1.4826 * max(float(np.median(np.abs(left))), float(np.median(np.abs(left[shorter]))))
+        scatter = MAD_STD * max(float(np.median(np.abs(left))), float(np.median(np.abs(left[shorter]))))
         explained = float(np.median(np.abs(before[shorter])))
         size = abs(float(x[-1]))
         if size < max(STEP * spread, STANDS_OUT * scatter) or explained < NEEDED * scatter:

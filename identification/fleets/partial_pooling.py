@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.arrays import Array, Index, Mask
+from errormodel.arrays import MAD_STD, Array, Index, Mask
 
 LEAST_MACHINES = 5  # of which a spread is known well enough to call another one out; by judgement
 FEW_MACHINES = 20  # up to which each is compared with an estimate without it; of more, it hardly matters
@@ -29,7 +29,6 @@ LEAST_DATES = 3  # surveys at dates of their own, from which on a trend leaves s
 # chance that any of the machines of a type is left out of what is normal though it belongs there, for one quantity
 LEFT_OUT = 0.05
 MOST_ROUNDS = 20  # in which machines are left out and taken in again; it settles in two or three
-MAD_STD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 ROUND_OFF = 1e-12  # of the largest variance: smaller ones are zero
 
 

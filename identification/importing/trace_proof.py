@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.arrays import Array, Index, Mask
+from errormodel.arrays import MAD_STD, Array, Index, Mask
 from errormodel.exceptions import InputError
 
 WINDOW = 3  # rows on each side whose median a reading is compared with
@@ -85,7 +85,7 @@ def refuse_exchanged(circle: Circle, where: str) -> int:
     around = np.delete(np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1), WINDOW, axis=1)
     middle = np.median(around, axis=1)
     off = circle.length - middle
-    scatter = max(1.4826 * float(np.median(np.abs(off - np.median(off)))), LEAST)
+    scatter = max(MAD_STD * float(np.median(np.abs(off - np.median(off)))), LEAST)
     single = np.flatnonzero(np.abs(off) > SINGLE * scatter)
     steps = np.abs(np.diff(circle.angle))
     beside = max(np.radians(QUADRANT), WINDOW * float(np.median(steps)) + 1e-9)

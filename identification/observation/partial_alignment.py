@@ -11,7 +11,7 @@ from itertools import permutations, product
 
 import numpy as np
 
-from errormodel.arrays import Array, Mask
+from errormodel.arrays import MAD_STD, Array, Mask
 from identification.observation.pose import ROTATION_SPREAD_RATIO, Pose
 
 MOST_POINTS = 400  # the frame is found from so many, evenly spread
@@ -109,7 +109,7 @@ class _Points:
     def _misfit(self, rotation: Array) -> float:
         """Root mean square of a component's residual, mm; robust, from the median."""
         gaps = (self.measured - self.nominal @ rotation.T - self.shift(rotation))[self.seen]
-        return 1.4826 * float(np.median(np.abs(gaps)))
+        return MAD_STD * float(np.median(np.abs(gaps)))
 
     def _moves(self, rotation: Array) -> tuple[Array, Array]:
         """Principal axes (3, 3) in the reference, and how far (3,) a radian about each moves the measured components.

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from errormodel.arrays import Array, Mask
+from errormodel.arrays import MAD_STD, Array, Mask
 from errormodel.exceptions import InputError
 from identification.registration.cleaning import breaks, lines_of
 from identification.registration.form import CalibrationBlock, MountBlock
@@ -108,7 +108,7 @@ def profile_tilt(plane: Array) -> tuple[float, float]:
         moment, cross = np.bincount(label, x * x), np.bincount(label, x * z)
         slope = float(cross.sum() / moment.sum())
         residual = z - slope * x
-        limit = EDGE_CLIP_SIGMA * 1.4826 * float(np.median(np.abs(residual)))
+        limit = EDGE_CLIP_SIGMA * MAD_STD * float(np.median(np.abs(residual)))
         good[lines.order[good[lines.order]]] = np.abs(residual) <= max(limit, 1e-9)
     used = moment > 0
     spread = (cross - slope * moment)[used]
@@ -175,7 +175,7 @@ def _solve(edge: Array, tilt: float, tilt_std: float, block: CalibrationBlock, s
         found = least_squares(rows, six, x_scale=scale, xtol=1e-12, ftol=1e-12, gtol=1e-12)
         six = found.x
         both = gaps(six)
-        sizes = np.array([max(1.4826 * float(np.median(np.abs(gap[good]))), 1e-7) for gap in both])
+        sizes = np.array([max(MAD_STD * float(np.median(np.abs(gap[good]))), 1e-7) for gap in both])
         good = np.logical_and.reduce([np.abs(g) <= EDGE_CLIP_SIGMA * s for g, s in zip(both, sizes, strict=True)])
     scaled = found.jac * scale
     covariance = np.linalg.pinv(scaled.T @ scaled, hermitian=True) * np.outer(scale, scale)

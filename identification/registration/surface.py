@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from errormodel.arrays import Array, Mask
+from errormodel.arrays import MAD_STD, Array, Mask
 from identification.registration.cleaning import cell_size, lines_of
 
 SURFACE_CLIP_SIGMA = 5.0  # robust standard deviations beyond which a point is left out; by judgement
@@ -132,7 +132,7 @@ def _robust(points: Array, knots: tuple[Array, Array], start: Mask, cell: float,
 def inliers(residual: Array) -> Mask:
     """Mask of residuals within `SURFACE_CLIP_SIGMA` robust standard deviations of their median."""
     middle = np.median(residual)
-    spread = 1.4826 * float(np.median(np.abs(residual - middle)))
+    spread = MAD_STD * float(np.median(np.abs(residual - middle)))
     near: Mask = np.abs(residual - middle) <= max(SURFACE_CLIP_SIGMA * spread, 1e-9)
     return near
 

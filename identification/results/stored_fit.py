@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from identification.uncertainty.one_side import only_sides
 from identification.uncertainty.other_effects import OtherEffect
 from identification.uncertainty.recording_end import runs_of, temperatures_of
 from identification.uncertainty.rows_in_time import temperature_noise
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Axes = Literal["measured", "machine"]
 SCHEMA = "errormodel.fit/1"
@@ -61,6 +64,10 @@ class StoredFit:
     def with_effect(self, other: OtherEffect) -> StoredFit:
         """The fit with another effect, and what else was fitted with it."""
         return replace(self, chain=Chain(other.machine(self.chain.machine)), values=dict(other.parameters), others=())
+
+    def others_for(self, table: pd.DataFrame) -> list[OtherEffect]:
+        """What the recording leaves open of effects, as far as rows have the columns for it."""
+        return [other for other in self.others if not other.missing(self.chain.machine, table)]
 
     @property
     def sign_notes(self) -> tuple[str, ...]:

@@ -127,8 +127,7 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     out = with_other_use(fit.chain, channels, labels, out, partial(_predict_rows, fit))
     out = perhaps_at_rest(fit.chain, points.table, channels, labels, out, partial(_predict_rows, fit))
     # at last: what is above compares predictions of the likeliest model with each other
-    others = [other for other in fit.others if not other.missing(fit.chain.machine, points.table)]
-    out = with_other_effects(others, len(fit.chain.machine.effects), out, change)
+    out = with_other_effects(fit.others_for(points.table), len(fit.chain.machine.effects), out, change)
     table = pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)
     if "joint" in points.table:
         table[[*MOTIONS, *MOTION_UNCERTAINTIES]] = _motions(fit, points, channels)
@@ -185,8 +184,7 @@ def _labels(fit: StoredFit, points: Survey) -> Array:
 
 def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     """Notes on unchecked files, assumed rotations, rows in another run's frame, extrapolation, assumed directions."""
-    machine, table = fit.chain.machine, points.table
-    others = [other for other in fit.others if not other.missing(machine, table)]
+    machine, table, others = fit.chain.machine, points.table, fit.others_for(points.table)
     beyond = beyond_notes(fit.chain, fit.data.get("covered", {}), table, possible_causes(others, machine))
     free = (FREE_REFERENCE,) if fit.free_reference else ()
     own = (*fit.unlisted, *_turned(fit), *rotation_notes(fit.frames), *fit.sign_notes)

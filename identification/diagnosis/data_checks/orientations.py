@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import MAD_STD, Array
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
 from errormodel.surveys.columns import ORIENTATION
@@ -23,7 +23,6 @@ from identification.observation.frames import mean_rotation
 from identification.observation.models import OrientationView
 
 FEWEST = 5  # rows with an orientation, for it to be judged
-NORMAL_MAD = 1.4826  # standard deviations of a normal distribution a median absolute deviation
 BETTER = 10.0  # times nearer, read in another way
 
 
@@ -53,7 +52,7 @@ def gross_notes(fit: Fit) -> Iterator[str]:
         return
     gaps = turned_residuals(fit)
     apart = gaps - np.nanmedian(gaps, axis=0)
-    usual = NORMAL_MAD * float(np.nanmedian(np.abs(apart)))
+    usual = MAD_STD * float(np.nanmedian(np.abs(apart)))
     numbers = fit.survey.table["row"].to_numpy()[gross].tolist()
     several = len(numbers) > 1
     yield (

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from errormodel.approach import direction
-from errormodel.arrays import Array
+from errormodel.arrays import MAD_STD, Array
 from errormodel.conventions import FRAME, MOTIONS
 from errormodel.effects.station_shift import StationShift
 from errormodel.exceptions import InputError
@@ -152,7 +152,7 @@ def _step(run: Run) -> tuple[float, float, int] | None:
     """Size over its uncertainty, size, and first reading of the clearest step beside the other runs; None if none."""
     left = run.own - run.others
     count = len(left)
-    noise = 1.4826 / np.sqrt(2) * float(np.median(np.abs(np.diff(left))))
+    noise = MAD_STD / np.sqrt(2) * float(np.median(np.abs(np.diff(left))))
     best: tuple[float, float, int] | None = None
     for at in range(FEWEST_ASIDE, count - FEWEST_ASIDE + 1):
         size = float(left[at:].mean() - left[:at].mean())
