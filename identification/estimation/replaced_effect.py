@@ -1,4 +1,4 @@
-"""The fit of a machine with another effect in the place of one, from the sums of the fit that is there.
+"""The fit of a machine with one effect more, or another in the place of one, from the sums of the fit that is there.
 
 ``M'WM`` of two such models differs in the columns of that effect only: their products with all columns are one pass
 over the rows. Everything else is taken over, as are noise levels, groups and values, from which few steps are left.
@@ -32,11 +32,11 @@ def refitted(chain: Chain, problem: Problem, fit: Fit, effect_sizes: float | Non
     problem : of the chain, in the frames of the fit.
     effect_sizes : as of `identification.estimation.fit.fit_machine`.
     """
-    solution, number = fit.solution, _replaced(fit.chain, chain)
+    solution, number = fit.solution, _other(fit.chain, chain)
     if number is None or fit.sorting is not None or fit.streamed is not None or np.isfinite(solution.within):
         return None
     names = dict(zip(solution.unknowns, solution.unknowns, strict=True))
-    for k, (before, ids) in enumerate(zip(fit.chain.effect_ids, chain.effect_ids, strict=True)):
+    for k, (before, ids) in enumerate(zip(fit.chain.effect_ids, chain.effect_ids, strict=False)):
         names |= dict.fromkeys(before, "") if k == number else dict(zip(before, ids, strict=True))
     place = problem.place()
     shared = [(old, place[names[name]]) for old, name in enumerate(solution.unknowns) if names[name]]
@@ -67,12 +67,17 @@ def refitted(chain: Chain, problem: Problem, fit: Fit, effect_sizes: float | Non
     return dict(zip(problem.unknowns, values.tolist(), strict=True)) if converged else None
 
 
-def _replaced(before: Chain, after: Chain) -> int | None:
-    """Number of the one effect in which two machines differ; None where they differ otherwise."""
+def _other(before: Chain, after: Chain) -> int | None:
+    """Number of the one effect in which a machine differs from one before, or that it has more, as its last one.
+
+    None where they differ otherwise.
+    """
     one, other = before.machine, after.machine
-    if len(one.effects) != len(other.effects) or replace(one, effects=other.effects) != other:
+    more = len(other.effects) - len(one.effects)
+    if more not in (0, 1) or replace(one, effects=other.effects) != other:
         return None
-    numbers = [k for k, (a, b) in enumerate(zip(one.effects, other.effects, strict=True)) if a != b]
+    numbers = [k for k, (a, b) in enumerate(zip(one.effects, other.effects, strict=False)) if a != b]
+    numbers += [len(one.effects)] * more
     return numbers[0] if len(numbers) == 1 else None
 
 

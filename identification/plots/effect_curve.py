@@ -133,17 +133,16 @@ def _effects(evidence: Evidence, model: EffectModel, fit: Fit) -> Iterator[tuple
     the chain holds their parameters in the order of the machine.
     """
     chain = fit.chain
-    left = list(chain.parameters)
+    left: dict[tuple[str, str, str], list[str]] = {}
+    for p in reversed(chain.parameters):
+        left.setdefault((p.element, p.motion, p.term), []).append(p.id)
     specs = chain.machine.effects
     owners = [False] * (len(specs) - len(model.steps)) + [s in evidence.group for s in model.steps]
     for spec, own in zip(specs, owners, strict=True):
         effect, ids = make(spec), []
         for term in effect.terms(evidence.linear.channel, chain.machine):
             label = f"{spec.effect}-{term.label}" if term.label else spec.effect
-            sought = (term.element, next(iter(term.motion)), label)
-            found = next(p for p in left if (p.element, p.motion, p.term) == sought)
-            left.remove(found)
-            ids.append(found.id)
+            ids.append(left[term.element, next(iter(term.motion)), label].pop())
         if own:
             yield effect, ids
 

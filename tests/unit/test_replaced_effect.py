@@ -1,4 +1,4 @@
-"""A machine with another effect in the place of one, fitted from the sums of the fit that is there."""
+"""A machine with one effect more, or another in the place of one, fitted from the sums of the fit that is there."""
 
 from __future__ import annotations
 
@@ -31,15 +31,20 @@ def fit() -> Fit:
 
 
 def with_effect(machine: Machine, number: int, spec: EffectSpec) -> Machine:
-    """The machine with another effect."""
-    effects = [*machine.effects]
-    effects[number] = spec
-    return replace(machine, effects=tuple(effects))
+    """The machine with another effect, or one more."""
+    return replace(machine, effects=(*machine.effects[:number], spec, *machine.effects[number + 1 :]))
 
 
 @pytest.mark.parametrize(
     ("number", "spec"),
-    [(0, DENT), (2, DENT), (1, EffectSpec("backlash", {"joint": "X"})), (0, EffectSpec("backlash", {"joint": "Z"}))],
+    [
+        (0, DENT),
+        (2, DENT),
+        (3, DENT),
+        (1, EffectSpec("backlash", {"joint": "X"})),
+        (0, EffectSpec("backlash", {"joint": "Z"})),
+        (3, EffectSpec("backlash", {"joint": "Y"})),
+    ],
 )
 def test_as_fitted_by_itself(fit: Fit, number: int, spec: EffectSpec, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same parameters as by a fit of its own; sums over the rows are taken of the new columns alone."""
