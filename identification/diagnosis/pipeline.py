@@ -57,6 +57,7 @@ from identification.diagnosis.results.findings import (
     probability_of,
 )
 from identification.diagnosis.results.nameless_alternative import checked_alternative
+from identification.diagnosis.results.open_expansion import open_expansions
 from identification.diagnosis.results.other_sensors import by_other_sensors, sensors_probability, sentence_of
 from identification.diagnosis.results.physical_limits import checked_name
 from identification.diagnosis.results.places import place_probabilities, sentence_of_places, with_places
@@ -206,8 +207,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         findings.append(_outlier_finding(bad, mended, fit))
     dependence = no_larger(dependence, final)
     verdict = judge(final, bool(findings), dependence, log)
-    final = replace(final, systematic_mm=1e-3 * verdict.systematic_um)
-    unusable = (f"{name} drives nothing: {reason}" for name, reason in dead.items())
+    final = replace(final, systematic_mm=1e-3 * verdict.systematic_um, expansions=open_expansions(model.linear, final))
     baseline = next((b for b in fits if b is not None), mended)
     diagnosis = Diagnosis(
         verdict.word,
@@ -224,7 +224,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
             *oriented,
             *large_scales(final),
             *station_notes(final, log),
-            *unusable,
+            *(f"{name} drives nothing: {reason}" for name, reason in dead.items()),
             *contrary_sides(survey, log),
             *aliased_periods(model),
             *perhaps_there(perhaps),

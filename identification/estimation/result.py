@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from identification.bayes.posterior import Posterior
     from identification.uncertainty.other_effects import OtherEffect
+    from identification.uncertainty.unseen_expansion import Expansions
 
 
 TWO_SIGMA = 0.9772498680518208  # of a normal distribution lies below two standard deviations
@@ -123,6 +124,7 @@ class Fit:
     serial: Noise | None = None  # serial correlation of the residuals
     systematic_mm: float = 0.0  # of a coordinate: what is left and is no noise, by a diagnosis
     others: tuple[OtherEffect, ...] = ()  # what the recording leaves open of effects
+    expansions: Expansions | None = None  # and of the expansion of axes; None where nobody looked for it
     streamed: Streamed | None = None  # the survey and its residuals are then those of a sample of the rows
 
     @property

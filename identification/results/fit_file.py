@@ -127,6 +127,7 @@ class FitFile(_Part):
     coverage: Annotated[Number, Field(gt=0)] = 1.0
     systematic_um: NotNegative = 0.0
     other_effects: list[_OtherEffect] = []
+    expansions: dict[str, dict[str, NotNegative]] | None = None
     observations: list[_SetUp] = []
 
 

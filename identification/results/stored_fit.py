@@ -91,6 +91,7 @@ def recorded(fit: Fit) -> dict[str, Any]:
         "temperatures": temperatures_of(models, fit.span),
         "temperature_noise": temperature_noise(models, fit.span),
         "runs": runs_of(fit.chain, fit.span),
+        **({} if fit.expansions is None else {"expansions": fit.expansions}),
         **({"open_signs": True} if sign_notes(fit.problem.views, fit.survey.indicated) else {}),
     }
 

@@ -13,6 +13,7 @@ from errormodel.chain import Chain
 from errormodel.channels import UNITS_OF_CHANNELS, root
 from errormodel.effects import make
 from errormodel.simulation import outward
+from identification.uncertainty.unseen_expansion import at_constant_size
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -170,7 +171,9 @@ def _there(chain: Chain, name: str, acts: bool, possible: str) -> str:
             "unproven, is in the uncertainty by its probability"
         )
     if not acts:
-        return "nothing in the model depends on it, and what it does to the machine was not seen"
+        grow = at_constant_size(chain.machine) if name.startswith("T_") else []
+        known = f"; the expansion of {', '.join(grow)} that it may cause is in the uncertainty" if grow else ""
+        return f"nothing in the model depends on it, and what it does to the machine was not seen{known}"
     machine = chain.machine
     effects = [make(spec) for spec in machine.effects]
     own = [e for e in effects if name in {root(c) for c, *_ in e.within}]

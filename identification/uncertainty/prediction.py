@@ -49,6 +49,7 @@ from identification.uncertainty.rows_in_time import as_course, smoothed, timed, 
 from identification.uncertainty.unknown_rests import rested, with_other_use
 from identification.uncertainty.unknown_sides import midway
 from identification.uncertainty.unknown_temperatures import with_unknown_temperatures
+from identification.uncertainty.unseen_expansion import with_unseen_expansion
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -126,6 +127,10 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     out = midway(fit.chain, points.table, channels, labels, out, partial(_predict_rows, fit))
     out = with_other_use(fit.chain, channels, labels, out, partial(_predict_rows, fit))
     out = perhaps_at_rest(fit.chain, points.table, channels, labels, out, partial(_predict_rows, fit))
+    ranges, expansions = fit.data.get("covered", {}), fit.data.get("expansions") or {}
+    out = with_unseen_expansion(
+        fit.chain.machine, ranges, expansions, points.table, channels, labels, out, partial(_predict_rows, fit)
+    )
     # at last: what is above compares predictions of the likeliest model with each other
     out = with_other_effects(fit.others_for(points.table), len(fit.chain.machine.effects), out, change)
     table = pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)

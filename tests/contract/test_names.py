@@ -94,6 +94,7 @@ WORKED_WITH = {
     "clock_offset",  # the same, of its clock
     "station_shift",  # the same, of the zero of an instrument
     "unnamed",  # the form by which the diagnosis states what has no name
+    "scale_expansion",  # what every axis may do at other temperatures, found or not
     "structure_drift",  # what the command for thermal models fits
     "target_offset",  # what a survey says of places that it does not know
     "plain",  # the instrument of a survey that names none
