@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from errormodel.arrays import Array
+from identification.estimation.scaled_equations import scaled_inverse
 from identification.observation.models import PositionView, anywhere
-from identification.observation.normal_equations import design_rows
+from identification.observation.normal_equations import design_rows, total
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,12 +45,13 @@ class Gain:
 def gain_of(fit: Fit) -> Gain:
     """Predicted standard uncertainties of a fit after ten more poses with the same noise."""
     s = fit.solution
-    known = s.precision[s.groups.base]
     rows = fit.fitted.n or len(fit.survey)
-    information = np.linalg.inv(_unit(s.covariance)) - np.diag(known * np.diag(s.covariance))
     std = np.sqrt(np.diag(s.covariance)) * fit.inflation
-    more = np.linalg.inv(information * (1 + FURTHER_POSES / rows) + np.diag(known * np.diag(s.covariance)))
-    like = std * np.sqrt(np.diag(more))
+    # the covariance is also of serial correlation and of forms: it is taken to fall by as much as that of white noise
+    pick = np.ix_(s.groups.base, s.groups.base)
+    information, known = total(s.sums, s.sigma)[0][pick], np.diag(s.precision[s.groups.base])
+    now, then = (np.diag(scaled_inverse(more * information + known)) for more in (1.0, 1 + FURTHER_POSES / rows))
+    like = std * np.sqrt(then / now)
     view = next((v for v in fit.problem.views if isinstance(v, PositionView)), None)
     if view is None or not s.groups.rank:
         return Gain(like, None, None)
