@@ -90,8 +90,7 @@ class TargetOffset(Effect):
             if len(tools) <= MOST_TOOLS:
                 for tool in tools.tolist():
                     yield cls(tool=tuple(tool))
-        if any(joint.type == "rotary" for joint in scene.moving):  # else it is a shift of the station
-            yield from (cls(run=run) for run in switched(scene.runs) if not _of_tools(scene, run, number))
+        yield from (cls(run=run) for run in switched(scene.runs) if not _of_tools(scene, run, number))
         if scene.moving and scene.moving[-1].type == "rotary":  # else any step in time of what carries the tool is one
             yield from (cls(at=at) for at in moments(scene))
 
