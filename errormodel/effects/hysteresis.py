@@ -1,6 +1,7 @@
-"""Hysteresis of a joint's position by friction: the play operator of Prandtl and Ishlinskii.
+"""Hysteresis of a joint by friction: the play operator of Prandtl and Ishlinskii.
 
-A short reversal recovers only part of the reversal error. Units: mm along the axis, or rad about it.
+A short reversal recovers only part of the reversal error. Units: mm along the axis, or rad about it, or those of another
+error motion: a carriage that friction holds back at one rail yaws.
 """
 
 from __future__ import annotations
@@ -11,10 +12,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.families import Traits
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Positive, reversal_size
+from errormodel.effects.travel import usual_size
 from errormodel.machine import Machine, joint_of
 
 
@@ -22,7 +25,7 @@ class Hysteresis(JointEffect):
     """``size * (q - p)/width`` along the axis (mm) or about it (rad); p follows the position q with a play of `width`.
 
     `width` (mm, rad) is the travel needed for a complete reversal. After long moves the effect is that of backlash,
-    ``size/2 * direction``.
+    ``size/2 * direction``. With `motion` it is another error motion of the joint, mm or rad.
     """
 
     effect: ClassVar[str] = "hysteresis"
@@ -33,6 +36,7 @@ class Hysteresis(JointEffect):
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "width": 60.0}
 
     width: Positive
+    motion: Motion | None = None
 
     @classmethod
     def traits(cls) -> Traits:
@@ -48,9 +52,11 @@ class Hysteresis(JointEffect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_of(machine, self.joint)
+        left = (channel(self.joint) - channel(f"play({self.joint},{self.width:.6g})")) / self.width
+        if self.motion is not None:
+            return [EffectTerm(self.joint, "", unit_of(self.motion), {self.motion: left}, usual_size(self.motion))]
         unit, size = reversal_size(joint)
-        left = channel(self.joint) - channel(f"play({self.joint},{self.width:.6g})")
-        return [EffectTerm(self.joint, "", unit, along(joint, left / self.width), size)]
+        return [EffectTerm(self.joint, "", unit, along(joint, left), size)]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
@@ -59,6 +65,7 @@ class Hysteresis(JointEffect):
             moves = np.abs(np.diff(scene.columns[joint.name]))
             if scene.both_ways(joint) and moves.any():
                 width = float(np.quantile(moves[moves > 0], 0.1))
+                others = [m for m in MOTIONS if m not in along(joint, 1.0)]
                 while width < np.ptp(scene.span(joint)) / 2:
-                    yield cls(joint=joint.name, width=width)
+                    yield from (cls(joint=joint.name, width=width, motion=motion) for motion in (None, *others))
                     width *= 1.6
