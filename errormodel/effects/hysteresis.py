@@ -1,7 +1,7 @@
 """Hysteresis of a joint by friction: the play operator of Prandtl and Ishlinskii.
 
-A short reversal recovers only part of the reversal error. Units: mm along the axis, or rad about it, or those of another
-error motion: a carriage that friction holds back at one rail yaws.
+A short reversal recovers only part of the reversal error. Units: mm along the axis, or rad about it; of another error
+motion its own. A carriage that friction holds back at one rail yaws.
 """
 
 from __future__ import annotations
