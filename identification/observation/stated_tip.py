@@ -21,13 +21,13 @@ def tip_notes(machine: Machine, survey: Survey, views: Iterable[View]) -> tuple[
     """A note where positions of one tip are to say where the rotary axes of a machine with linear ones lie."""
     kinds = {j.type for j in machine.joints}
     moved = [j.name for j in machine.joints if j.type == "rotary" and np.ptp(survey.table[j.name].dropna()) > 0]
-    tips = np.unique(survey.tool, axis=0)
     positions = any(isinstance(v, PositionView) for v in views)
-    if len(kinds) < 2 or not moved or not positions or len(tips) > 1 or not tip_is_stated(machine):
+    one = bool((survey.tool == survey.tool[:1]).all())
+    if len(kinds) < 2 or not moved or not positions or not one or not tip_is_stated(machine):
         return ()
     return (
         f"the places of {' and '.join(moved)} across the axes hold only as far as the tip that was measured with is "
-        f"where tool says ({', '.join(f'{v:g}' for v in tips[0])} mm): what it is beside that goes into them, 1 mm a "
-        "mm, and into no standard uncertainty. Readings with the spindle turned by 180 deg tell x and y, a second "
-        "length tells z",
+        f"where tool says ({', '.join(f'{v:g}' for v in survey.tool[0])} mm): what it is beside that goes into them, "
+        "1 mm a mm, and into no standard uncertainty. Readings with the spindle turned by 180 deg tell x and y, a "
+        "second length tells z",
     )

@@ -126,6 +126,8 @@ class _Part:
 
     def refuse_other_targets(self, columns: Sheet) -> None:
         written = np.column_stack([columns[name] for name in TOOL_COLUMNS if name in columns])
+        if (written == written[:1]).all():
+            return
         places, target = np.unique(written, axis=0, return_inverse=True)
         most = max((int(np.sum(self.seen & (target == k))) for k in range(len(places))), default=0)
         if (

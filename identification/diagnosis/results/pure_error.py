@@ -163,7 +163,9 @@ def _poses(fit: Fit) -> Index:
     if any(v.observation.poses > 1 for v in fit.problem.readings):
         start = start_of(fit.survey.table, fit.chain.machine)
         commands = np.hstack([commands, start[[j.name for j in joints]].to_numpy(dtype=np.float64) / steps])
-    return np.asarray(np.unique(np.rint(commands), axis=0, return_inverse=True)[1]).reshape(-1)
+    whole = np.rint(commands)
+    varied = whole[:, (whole != whole[:1]).any(axis=0)]
+    return np.asarray(np.unique(varied, axis=0, return_inverse=True)[1]).reshape(-1)
 
 
 def _within(values: Array, group: Index) -> tuple[Array, int]:
