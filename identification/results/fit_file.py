@@ -121,6 +121,7 @@ class FitFile(_Part):
     temperature_noise: dict[str, NotNegative] = {}
     runs: list[str] = []
     open_signs: bool = False
+    unmeasured: dict[str, list[Literal["x", "y", "z"]]] = {}
     robust: bool = False
     sigma_um: NotNegative | None = 0.0  # none of positions
     sigma_interval_um: list[Figure] = []

@@ -25,6 +25,7 @@ from identification.uncertainty.one_side import only_sides
 from identification.uncertainty.other_effects import OtherEffect
 from identification.uncertainty.recording_end import runs_of, temperatures_of
 from identification.uncertainty.rows_in_time import temperature_noise
+from identification.uncertainty.unmeasured_components import unmeasured
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -91,6 +92,7 @@ def recorded(fit: Fit) -> dict[str, Any]:
         "temperatures": temperatures_of(models, fit.span),
         "temperature_noise": temperature_noise(models, fit.span),
         "runs": runs_of(fit.chain, fit.span),
+        **({"unmeasured": missing} if (missing := unmeasured(fit)) else {}),
         **({} if fit.expansions is None else {"expansions": fit.expansions}),
         **({"open_signs": True} if sign_notes(fit.problem.views, fit.survey.indicated) else {}),
     }

@@ -49,6 +49,7 @@ from identification.uncertainty.rows_in_time import as_course, smoothed, timed, 
 from identification.uncertainty.unknown_rests import rested, with_other_use
 from identification.uncertainty.unknown_sides import midway
 from identification.uncertainty.unknown_temperatures import with_unknown_temperatures
+from identification.uncertainty.unmeasured_components import unmeasured_notes
 from identification.uncertainty.unseen_expansion import with_unseen_expansion
 
 if TYPE_CHECKING:
@@ -214,7 +215,9 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
         *moving,
         *from_other_sides(fit.chain, fit.data.get("only_sides", {}), points),
     )
-    return (*misfit, *left, *mistakes, *own, *_unfitted(fit, points), *free, *beyond, *changes, *_arrivals(fit, points))
+    unknown = unmeasured_notes(fit.data.get("unmeasured", {}), [*fit.frames], _labels(fit, points).tolist())
+    frames = (*_unfitted(fit, points), *unknown, *free)
+    return (*misfit, *left, *mistakes, *own, *frames, *beyond, *changes, *_arrivals(fit, points))
 
 
 def _turned(fit: StoredFit) -> Iterator[str]:
@@ -249,7 +252,11 @@ def _unfitted(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     if what is None or not fit.frames or not unknown or (what == "file" and len(fit.frames) == 1):
         return ()
     more = f" and {len(unknown) - 1} more" if len(unknown) > 1 else ""
-    return (f"{what} {unknown[0]}{more} was not fitted: predicted in the frame of {what} {next(iter(fit.frames))}",)
+    return (
+        f"{what} {unknown[0]}{more} was not fitted: predicted in the frame of {what} {next(iter(fit.frames))}. Where "
+        "its own frame lies is not known: mx my mz of these rows may be off by that, which no uncertainty has; ex ey "
+        "ez are not",
+    )
 
 
 def _columns(chain: Chain, label: str | None) -> tuple[str, ...]:

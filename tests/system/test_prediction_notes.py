@@ -268,3 +268,26 @@ def test_times_and_loads_that_nothing_depends_on(
         seen.iloc[:3].drop(columns=XYZ).assign(**{name: value}).to_csv(tmp_path / "p.csv", index=False)
         note = done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
         assert (f"beyond what was measured of {name}, 0 to {there} {unit}" in note) == said
+
+
+def test_a_component_that_no_row_has(mill: Path, tmp_path: Path) -> None:
+    """A grid plate shows two components: the third is predicted from the machine's zero, and that is said."""
+    survey = pd.read_csv(mill / "s.csv")
+    survey.drop(columns="mz").to_csv(tmp_path / "plate.csv", index=False)
+    done("fit", MILL, tmp_path / "plate.csv", "--out", tmp_path / "fit")
+    survey.drop(columns=XYZ).to_csv(tmp_path / "p.csv", index=False)
+    said = done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
+    assert "no fitted row has mz: where the instrument has its zero along z is not known" in said
+    assert "no fitted row has" not in done("predict", mill / "fit", tmp_path / "p.csv", "--out", tmp_path / "o.csv").err
+
+
+def test_a_run_whose_frame_is_not_known(tmp_path: Path, mill: Path) -> None:
+    """Rows of a run that was not fitted are predicted in another's frame, and that is said."""
+    survey = pd.read_csv(mill / "s.csv").assign(run="1")
+    survey.to_csv(tmp_path / "s.csv", index=False)
+    write(tmp_path / "survey.yaml", "errormodel: 1\nfiles: [{path: s.csv, role: fit}]\nframe: per-run\n")
+    done("fit", MILL, tmp_path / "survey.yaml", "--out", tmp_path / "fit")
+    survey.drop(columns=XYZ).assign(run="2").to_csv(tmp_path / "p.csv", index=False)
+    said = done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
+    assert "run 2 was not fitted: predicted in the frame of run 1" in said
+    assert "mx my mz of these rows may be off by that, which no uncertainty has" in said
