@@ -229,5 +229,24 @@ def correlated(problem: Problem, solution: Solution, rows: int = 0) -> tuple[Sol
         np.matmul(design, beyond.T, out=extra[:, some])
     del design
     extra /= share * here / rows
-    covariance = solution.covariance + solution.covariance @ extra @ solution.covariance
-    return replace(solution, covariance=(covariance + covariance.T) / 2), noise
+    return replace(solution, covariance=_corrected(solution.covariance, extra, variance / (1 + noise.part))), noise
+
+
+def _corrected(covariance: Array, extra: Array, least: float) -> Array:
+    """``C + C E C`` of a covariance C; where that is none, what is less than `least` of C along a direction is as much.
+
+    The rows of E are some of those that C is from, at other values of the parameters. White noise, the share `least` of
+    the variance, is left along every direction.
+    """
+    out = covariance + covariance @ extra @ covariance
+    out = (out + out.T) / 2
+    try:
+        np.linalg.cholesky(out / np.sqrt(np.outer(np.diag(out), np.diag(out))))
+    except np.linalg.LinAlgError:
+        scale = np.sqrt(np.diag(covariance))
+        values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+        root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+        ratios, along = np.linalg.eigh(np.eye(len(root)) + root.T @ ((extra + extra.T) / 2) @ root)
+        root = root @ (along * np.sqrt(np.maximum(ratios, min(least, 1.0))))
+        out = root @ root.T
+    return np.asarray(out)
