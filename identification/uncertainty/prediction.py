@@ -331,7 +331,7 @@ def unidentified(fit: StoredFit, names: list[str], design: Array) -> Iterator[tu
                 groups[row, place[member]] = coefficient
     sizes = dict(zip(names, plausible_sizes(fit, names), strict=True))
     for name in names:
-        if name in fit.base or name not in fit.chain.index or name in fit.chain.frame_ids:
+        if name in fit.base:
             continue
         column = design[place[name]]
         mix = groups[:, place[name]]
@@ -346,7 +346,10 @@ def plausible_sizes(fit: StoredFit, names: Sequence[str]) -> Array:
     """Standard deviations (parameters,) before a survey: priors, or the size of what was identified of that unit."""
     scale = _plausible(fit)
     known = {p.id: scale.get(p.unit, 0.0) if p.prior is None else p.prior for p in fit.chain.parameters}
-    return np.array([known.get(name, 0.0) for name in names])
+    frames = {
+        c: i for label in fit.frames for c, i in zip(frame_columns(fit.chain, label), fit.chain.frame_ids, strict=True)
+    }
+    return np.array([known.get(frames.get(name, name), 0.0) for name in names])
 
 
 def _plausible(fit: StoredFit) -> dict[str, float]:

@@ -1,7 +1,8 @@
 """Expansion of linear axes in rows that are warmer or colder than the recording, which does not show it.
 
-Scales and screws expand by none (glass ceramic) to 12 ppm (steel) per kelvin, all as likely beforehand. A diagnosis
-bounds that by its rows as far as they show it: not at one temperature, nor where an axis moved once while it warmed.
+Scales and screws expand by nothing (glass ceramic, or compensated), by 8 (glass) or by 12 ppm per kelvin (steel), one as
+likely as the other beforehand. A diagnosis bounds that by its rows as far as they show it: not at one temperature, nor
+where an axis moved once while it warmed.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
 Expansions: TypeAlias = Mapping[str, Mapping[str, float]]
 """Root mean square coefficient of expansion, 1/K, of a linear axis by a temperature, as a recording leaves it open."""
 
-BEFOREHAND = STEEL_EXPANSION / np.sqrt(3)  # 1/K, root mean square of a rectangular distribution from 0 on
+GLASS_EXPANSION = 8e-6  # 1/K
+BEFOREHAND = float(np.sqrt((GLASS_EXPANSION**2 + STEEL_EXPANSION**2) / 3))  # 1/K, root mean square of the three
 
 
 def at_constant_size(machine: Machine) -> list[str]:
@@ -48,9 +50,9 @@ def with_unseen_expansion(
 ) -> Array:
     """Predictions (n, 9) with the expansion that a recording leaves open in their uncertainty.
 
-    It is from the middle of what was measured of an axis and of a temperature; by a temperature of which nothing is
-    known but its range, from the end of that. Which of the temperatures drives it is not known either: the variance is
-    the mean over them.
+    It is from the middle of what was measured of a temperature; by one of which nothing is known but its range, from
+    the end of that. Whether the scale is held at either end of the travel or in its middle is not known, nor which of
+    the temperatures drives it: the variance is the mean over them.
 
     Parameters
     ----------
@@ -72,8 +74,9 @@ def with_unseen_expansion(
             kelvin = np.nan_to_num(np.fmax(values - high, 0.0) + np.fmax(low - values, 0.0))
             square += (known.get(name, BEFOREHAND) * kelvin) ** 2 / len(names)
         if len(rows := np.flatnonzero(square)):
-            at = channels[number][rows]
-            grown = (at - np.mean(ranges[joint.name])) * np.sqrt(square[rows])
+            at, (first, last) = channels[number][rows], joint.travel
+            held = np.hypot(at - (first + last) / 2, (last - first) / np.sqrt(6))  # root mean square distance
+            grown = held * np.sqrt(square[rows])
             half = half_change(channels, labels, predicted, predict, rows, {number: at + grown})
             out[rows, 6:] = np.hypot(out[rows, 6:], 2 * half[:, :3])
     return out

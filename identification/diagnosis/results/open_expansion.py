@@ -13,7 +13,7 @@ from identification.uncertainty.unseen_expansion import BEFOREHAND, Expansions, 
 def open_expansions(linear: LinearModel, final: Fit) -> Expansions:
     """Root mean square of the posterior of each axis' coefficient of expansion, 1/K, by each temperature that varied.
 
-    Bayesian linear regression on what the model leaves: a normal prior of the rectangular one's size, and the noise.
+    Bayesian linear regression on what the model leaves: a normal prior of the same size, and the noise.
     """
     out = dict[str, dict[str, float]]()
     variance = linear.square / max(linear.freedom, 1)
