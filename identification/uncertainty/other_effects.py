@@ -107,21 +107,32 @@ def unrecorded(others: Iterable[OtherEffect], machine: Machine, table: pd.DataFr
 
 
 def without_times(others: Iterable[OtherEffect], machine: Machine, table: pd.DataFrame) -> Iterator[str]:
-    """Notes on effects that may act late, where the rows have no times."""
+    """Notes on effects that act late, or may, where the rows have no times."""
     if complete(table):
         return
     late = defaultdict[int, list[OtherEffect]](list)
     for other in others:
         if any(lags(other.channels(machine))):
             late[other.effect].append(other)
+    for number, effect in enumerate(map(make, machine.effects)):
+        if any(lags(effect.channels(machine))):
+            late.pop(number, None)
+            yield _settled(f"{effect.effect} of {effect.where} acts late (by {getattr(effect, 'tau', 0.0):.3g} s)")
     for same in late.values():
         likeliest = max(same, key=lambda other: other.weight)
         found = make(likeliest.spec(machine.effects))
-        yield (
-            f"with a probability of {sum(other.weight for other in same):.2f} {found.effect} of {found.where} acts "
-            f"late (likeliest: by {getattr(found, 'tau', 0.0):.3g} s), and the rows have no times: in each its "
-            "temperature is taken to have been the same for long. Add the column time for the course that it had"
-        )
+        # time constants are independent of all else that is open
+        chances = [sum(o.weight for o in same if o.of_time_constant is kind) for kind in (True, False)]
+        chance = 1 - float(np.prod([1 - min(own, 1.0) for own in chances]))
+        what = f"with a probability of {chance:.2f} {found.effect} of {found.where} acts late"
+        yield _settled(f"{what} (likeliest: by {getattr(found, 'tau', 0.0):.3g} s)")
+
+
+def _settled(late: str) -> str:
+    return (
+        f"{late}, and the rows have no times: in each its temperature is taken to have been the same for long. Add the "
+        "column time for the course that it had"
+    )
 
 
 def possible_causes(others: Iterable[OtherEffect], machine: Machine) -> dict[str, str]:

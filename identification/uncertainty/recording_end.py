@@ -105,6 +105,8 @@ def _joined(recorded: Sequence[Sequence[float]] | None, table: pd.DataFrame, bas
 def started_anew(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> Iterator[str]:
     """A note on lagged channels that do not go on from the recording: they start in equilibrium."""
     series = on_one_clock(chain, recorded, table)
+    if "time" not in table or table["time"].isna().any():
+        return
     if names := [base for base in late_sensors(chain) if base not in series]:
         yield (
             f"{', '.join(names)} acts late, and what it was before the first row is not known: it is "

@@ -42,8 +42,11 @@ def with_noise(points: Survey, recorded: Mapping[str, float]) -> Survey:
 
 
 def timed(channels: Sequence[str], table: pd.DataFrame) -> pd.DataFrame:
-    """The table; for channels that follow from its times with one time in all rows, where these are not known."""
-    if complete(table) or not (any(lags(channels)) or any(map(RATE_CHANNEL.fullmatch, channels))):
+    """The table; for channels that follow from its times with one time in all rows, where these are not known.
+
+    What follows the clock itself needs the times.
+    """
+    if complete(table) or "time" in channels or not (any(lags(channels)) or any(map(RATE_CHANNEL.fullmatch, channels))):
         return table
     return table.assign(time=0.0)
 

@@ -1,8 +1,8 @@
 """Expansion of linear axes in rows that are warmer or colder than the recording, which does not show it.
 
-Scales and screws expand by nothing (glass ceramic, or compensated), by 8 (glass) or by 12 ppm per kelvin (steel), one as
-likely as the other beforehand. A diagnosis bounds that by its rows as far as they show it: not at one temperature, nor
-where an axis moved once while it warmed.
+Scales and screws expand by nothing (glass ceramic, or compensated), by 8 (glass) or by 12 ppm per kelvin (steel), each
+as likely beforehand. A diagnosis bounds that by its rows as far as they show it: not at one temperature, nor where an
+axis moved once while it warmed.
 """
 
 from __future__ import annotations

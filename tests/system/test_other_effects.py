@@ -282,6 +282,12 @@ def test_a_lag_that_is_possible_is_named_as_that() -> None:
     (note,) = without_times(others, machine, states)
     assert note.startswith("with a probability of 0.66 structure-drift of column acts late (likeliest: by 42 s), and")
     assert "Add the column time" in note
+    moved = OtherEffect(0, {"tau": 70.0, "initial": -1.0}, 0.6, {})  # independent of the time constants of the first
+    (both,) = without_times([*others, moved], machine, states)
+    assert both.startswith("with a probability of 0.86 structure-drift of column acts late")
+    sure = replace(machine, effects=(EffectSpec(own.effect, {**own.options, "tau": 60.0}),))
+    (note,) = without_times([*others, moved], sure, states)
+    assert note.startswith("structure-drift of column acts late (by 60 s), and the rows have no times")
     assert not list(unrecorded(others, machine, states))
     assert not list(without_times(others, machine, states.assign(time=[0.0, 60.0])))
     assert not list(without_times([OtherEffect(0, {"sensor": "T_air"}, 0.5, {})], machine, states))

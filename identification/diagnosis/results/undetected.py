@@ -75,6 +75,7 @@ def perhaps_there(perhaps: Sequence[Undetected]) -> Iterator[str]:
         probability = sum(one.probability for one in own)
         if probability > WORTH_SAYING:
             yield (
-                f"perhaps there, with too little evidence to be found: {named(what, probability)}. The uncertainty of "
-                f"predictions has it by that probability. To settle it: {next_measurement(own[0].effect, None)}"
+                f"{'probably' if probability > 0.5 else 'perhaps'} there, with less evidence than a finding needs: "
+                f"{named(what, probability)}. The uncertainty of predictions has it by that probability. To settle it: "
+                f"{next_measurement(own[0].effect, None)}"
             )
