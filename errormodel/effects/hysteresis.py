@@ -60,12 +60,18 @@ class Hysteresis(JointEffect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        """Widths from the tenth percentile of the moves on; below it the effect is backlash."""
+        """Widths from the tenth percentile of the moves on; below it the effect is backlash.
+
+        Of other motions than along the axis from a quarter of it on: their reversal has no other name.
+        """
         for joint in scene.moving:
             moves = np.abs(np.diff(scene.columns[joint.name]))
             if scene.both_ways(joint) and moves.any():
-                width = float(np.quantile(moves[moves > 0], 0.1))
-                others = [m for m in MOTIONS if m not in along(joint, 1.0)]
+                width, others = (
+                    float(np.quantile(moves[moves > 0], 0.1)),
+                    [m for m in MOTIONS if m not in along(joint, 1.0)],
+                )
+                yield from (cls(joint=joint.name, width=width / 4, motion=motion) for motion in others)
                 while width < np.ptp(scene.span(joint)) / 2:
                     yield from (cls(joint=joint.name, width=width, motion=motion) for motion in (None, *others))
                     width *= 1.6

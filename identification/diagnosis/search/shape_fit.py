@@ -139,13 +139,14 @@ def optimised(linear: LinearModel, proposal: Effect, family: Sequence[Effect], e
 
     if proposal.random:  # a curve repeats with the wave that it refines: its size is all that is found
         return _of_likeliest_size(linear, proposal, len(family))
-    effect = proposal
+    effect, motion = proposal, getattr(proposal, "motion", None)
+    alike = [e for e in family if getattr(e, "motion", None) == motion]  # one motion may have another grid
     for name, kind in type(effect).shapes().items():
         value = getattr(effect, name) if kind.searched else None
         if not isinstance(value, float) or value == 0:
             continue
         # of two waves at once only one may change at an edge
-        grid = sorted({x for e in family if isinstance(x := getattr(e, name), float)})
+        grid = sorted({x for e in alike if isinstance(x := getattr(e, name), float)})
         edge = 0.3 * abs(value)
         below = max((g for g in grid if g < value and g != 0), default=value - edge)
         above = min((g for g in grid if g > value and g != 0), default=value + edge)
