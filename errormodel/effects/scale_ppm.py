@@ -5,7 +5,7 @@ Dimensionless, or in 1/K of the air temperature.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar
 
 from errormodel.channels import POINT_CHANNELS
@@ -14,6 +14,9 @@ from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import in_runs, only, run_channels, switched, warmth
 from errormodel.machine import Machine, Vector
+
+
+LIKE_SCALES = 5e-6  # 1/K, between the refractive index of air and the expansion of glass
 
 
 class ScalePpm(Effect):
@@ -46,6 +49,14 @@ class ScalePpm(Effect):
     def cost(self, scene: Scene) -> float:
         """Natural logarithm of the prior odds against it: instruments correct for the weather, unlike machines."""
         return 0.0 if self.sensor or self.run else 4.0
+
+    def meaning_of_sign(self, values: Sequence[float]) -> str:
+        if not self.sensor or values[0] < LIKE_SCALES:
+            return ""
+        return (
+            "as scales of glass or steel do that expand alike along all axes (8 to 12 um/m/K): look at these first, no "
+            "instrument is so wrong by a temperature"
+        )
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         factor = warmth(channel, self.sensor) if self.sensor else 1.0
