@@ -15,7 +15,6 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import in_runs, only, run_channels, switched, warmth
 from errormodel.machine import Machine, Vector
 
-
 LIKE_SCALES = 5e-6  # 1/K, between the refractive index of air and the expansion of glass
 
 
