@@ -20,6 +20,7 @@ from identification.diagnosis.data_checks.contaminated_noise import (
 from identification.diagnosis.decisions.constants import CLEARLY
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.estimation.result import Fit, turned_residuals
+from identification.observation.models import PositionView
 
 GROSS = 10.0  # standard deviations of one component: Gaussian noise never gets there, knees and local defects rarely
 MOST = 0.15  # of the rows: more is not a handful of accidents; of all squares: one row that holds more is one
@@ -36,7 +37,7 @@ def gross_rows(fit: Fit, log: DecisionLog = UNRECORDED, *, explained: bool = Fal
     ----------
     explained : whether all that has a cause is in the fit: then rows that contaminate normal noise are outliers too.
     """
-    gross = _gross(fit, fit.residuals, log, explained)
+    gross = _gross(fit, _alike(fit, fit.residuals), log, explained)
     if fit.readings is not None:
         names = observed(fit.survey.table)
         for label in fit.survey.observations:  # each has a noise of its own
@@ -65,10 +66,24 @@ def masked_rows(fit: Fit, robust: Callable[[], Fit | None], log: DecisionLog = U
 
     It is asked for where one row holds a share of all squared residuals that only accidents have.
     """
-    square = np.nansum(np.square(fit.residuals), axis=1)
+    square = np.nansum(np.square(_alike(fit, fit.residuals)), axis=1)
     if not square.max(initial=0.0) > MOST * square.sum() or (other := robust()) is None or other.sorting is None:
         return np.zeros(len(square), dtype=bool)
-    return _gross(other, other.sorting.residuals, log)
+    return _gross(other, _alike(other, other.sorting.residuals), log)
+
+
+def _alike(fit: Fit, residuals: Array) -> Array:
+    """Residuals of positions (n, 3), mm, as of one noise: each in its declared uncertainty, times the mean one.
+
+    What is less certain than the rest (far from a tracker, along its angles) is no tail of the noise.
+    """
+    out = residuals.copy()
+    for view in fit.problem.views:
+        if isinstance(view, PositionView):
+            own, weight = np.nan_to_num(residuals[view.index]), view.whitener
+            white = own * weight[:, None] if weight.ndim == 1 else np.einsum("mij,mj->mi", weight, own)
+            out[view.index] = white * (fit.sigma_mm / fit.solution.sigma[view.kind])
+    return np.where(np.isnan(residuals), np.nan, out)
 
 
 def _gross(
