@@ -77,3 +77,18 @@ def test_rows_that_are_only_eight_times_the_noise_are_found_at_last(tmp_path: Pa
     assert not gross_rows(fit_machine(machine, survey)).any()
     (finding,) = diagnose(machine, survey).diagnosis.findings
     assert (finding.effect, finding.rows) == ("outliers", [row + 1 for row in broken])
+
+
+def test_rows_of_another_uncertainty_are_no_tail(tmp_path: Path) -> None:
+    """Half of the rows are six times less certain, as they state: a wrong one among the others is found all the same."""
+    rng = np.random.default_rng(5)
+    commands = (rng.random((300, 3)) - 0.5) * [600, 400, 400]
+    sigma = np.where(np.arange(300) % 2 == 0, NOISE, 6 * NOISE)
+    noise = sigma[:, None] * rng.standard_normal(commands.shape)
+    broken = [20, 140, 260]  # as far as the less certain ones often are
+    noise[broken] += NOISE * np.array([[9, 7, -8], [-8, 9, 7], [7, -8, 9]])
+    table = np.hstack([commands, commands + np.array([0, 0, -150]) + noise, sigma[:, None]])
+    pd.DataFrame(table, columns=["X", "Y", "Z", *XYZ, "sigma"]).to_csv(tmp_path / "s.csv", index=False)
+    machine = read_machine(write(tmp_path / "m.yaml", MACHINE))
+    fit = fit_machine(machine, read_survey(tmp_path / "s.csv", machine))
+    assert np.flatnonzero(gross_rows(fit)).tolist() == broken
