@@ -80,7 +80,7 @@ def test_rows_that_are_only_eight_times_the_noise_are_found_at_last(tmp_path: Pa
 
 
 def test_rows_of_another_uncertainty_are_no_tail(tmp_path: Path) -> None:
-    """Half of the rows are six times less certain, as they state: a wrong one among the others is found all the same."""
+    """Half of the rows are six times less certain, as stated: a wrong one among the others is found all the same."""
     rng = np.random.default_rng(5)
     commands = (rng.random((300, 3)) - 0.5) * [600, 400, 400]
     sigma = np.where(np.arange(300) % 2 == 0, NOISE, 6 * NOISE)
