@@ -12,10 +12,12 @@ import pandas as pd
 import pytest
 
 from errormodel.chain import Chain
+from errormodel.channels import channel
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.compensation.compensate import compensate
-from identification.compensation.rows import taken_up
+from identification.compensation.field import Field
+from identification.compensation.rows import held_out, read_rows, taken_up
 from identification.estimation.fit import fit_machine
 from identification.results.store import load, save
 from tests.helpers.chains import errors
@@ -52,23 +54,32 @@ def test_a_hysteresis_is_printed_and_stands_in_both_files(yawing: Path, tmp_path
     (entry,) = data["not_in_tables"]
     assert (entry["effect"], entry["where"], entry["probability"]) == ("hysteresis", "X", None)
     (said,) = data["reversals"]
-    assert said["held"] == "none" and said["width"] == WIDTH and said["left_um"] == pytest.approx(entry["size_um"], rel=1e-3)
+    assert said["held"] == "none"
+    assert said["width"] == WIDTH
+    assert said["left_um"] == pytest.approx(entry["size_um"], rel=1e-3)
     assert said["peak_to_peak"]["ec"] == pytest.approx(60e-6, rel=0.1)
     assert not any(t["direction"] for s in data["sets"] for t in s["tables"])
     for text in (out, (tmp_path / "o" / "checklist.txt").read_text()):
         words = " ".join(text.split())
-        assert "turn of X about z (ECX), " in words and "(hysteresis within 60 mm)" in words
+        assert "turn of X about z (ECX), " in words
+        assert "(hysteresis within 60 mm)" in words
         assert "not in these tables, which hold the mean of both directions" in words
     figure = data["sets"][0]["figures"][0]  # of poses after long strokes, of which no such table takes this away
     assert figure["after"]["rms_um"] > 0.9 * said["left_um"]
 
 
 def test_rows_that_no_fit_saw_are_judged_with_the_path_that_they_were_reached_by(yawing: Path) -> None:
-    """By the direction alone, rows after short strokes would come out as far off as the whole yaw."""
-    result = compensate(yawing, "csv")
-    (whole, held) = result.usual.figures
-    assert held.poses.endswith("left out of the fit in blocks")
-    assert held.ideal.rms_um < 1.0 < whole.before.rms_um
+    """As the fit saw them: by the direction alone, rows after short strokes would be on the wrong side."""
+    fit = load(yawing)
+    table = read_rows(yawing, fit.chain.machine)
+    held, field = held_out(fit, table), Field.of(fit, table)
+    assert held is not None
+    assert len(held) == len(table)
+    plays = [field.rows(held.q, d)[-1] for d in (held.direction, held.direction[:, : len(field.joints)])]
+    assert field.chain.channels[-1].startswith("play(X,")
+    wanted = channel(table, field.chain.channels[-1])
+    np.testing.assert_allclose(plays[0], wanted, atol=1e-9)
+    assert np.mean(np.abs(plays[1] - wanted) > WIDTH / 4) > 0.2
 
 
 def test_a_table_of_commands_follows_the_strokes_of_its_rows(yawing: Path, tmp_path: Path) -> None:
@@ -84,7 +95,8 @@ def test_a_table_of_commands_follows_the_strokes_of_its_rows(yawing: Path, tmp_p
     assert abs(moved[5] - moved[1]) > 3 * UM
     assert (moved[3] - moved[1]) / (moved[5] - moved[1]) == pytest.approx(10 / WIDTH, abs=0.05)
     (said,) = result.reversals
-    assert said.held == "all" and "follow how far each row is from the reversal before" in said.why
+    assert said.held == "all"
+    assert "follow how far each row is from the reversal before" in said.why
 
 
 def test_a_programme_gets_the_mean(yawing: Path, tmp_path: Path) -> None:
@@ -92,4 +104,5 @@ def test_a_programme_gets_the_mean(yawing: Path, tmp_path: Path) -> None:
     command = ("compensate", yawing, "--controller", "gcode", "--dialect", "iso", "--at", "start=X0,Y0,Z300")
     done(*command, "--program", tmp_path / "p.ngc", "--out", tmp_path / "o")
     (said,) = json.loads((tmp_path / "o" / "compensation.json").read_text())["reversals"]
-    assert said["held"] == "none" and "not in these commands, which hold the mean" in said["why"]
+    assert said["held"] == "none"
+    assert "not in these commands, which hold the mean" in said["why"]
