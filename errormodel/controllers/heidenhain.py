@@ -139,7 +139,8 @@ class Heidenhain(Controller):
             "and is here the position as the survey counted it: add the difference where its zero was another",
             "copy the tables, check the column names against CfgAxes/axisList",
             "only one line of config.cma is active (*); take the star away to switch all of them off",
-            "BACKLASH is empty: reversal errors stay with their own machine parameter",
+            "BACKLASH is empty: backlash along an axis stays with its machine parameter, and other reversal errors are "
+            "left",
         ]
 
 

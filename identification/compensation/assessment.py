@@ -25,7 +25,7 @@ JOINT_ROWS = ", about "  # in the description of rows that read one joint
 FRESH_POSES = 1024  # poses for the assessment, other than those of the reduction; a power of two, for Sobol points
 
 Correct = Callable[[Array, Array, Array | None], Array]
-"""Commands (n, joints), mm and rad, from nominal commands, directions of approach (+-1) and tool tips (n, 3)."""
+"""Commands (n, joints), mm, rad, from nominal commands, directions of approach (`Field.rows`) and tool tips (n, 3)."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,8 @@ def emulated(controller: Controller, tables: Tables, setup: Setup, volume: Volum
     def correct(q: Array, direction: Array, tool: Array | None) -> Array:
         out = q.copy()
         longer = None if tool is None else (tool - np.asarray(setup.tool)) @ np.asarray(setup.along_tool)
-        out[:, movers] += controller.emulate(tables, setup, field.outward(q), direction, longer) * unit
+        came = direction[:, : len(field.joints)]  # no table knows the path before
+        out[:, movers] += controller.emulate(tables, setup, field.outward(q), came, longer) * unit
         return out
 
     return correct

@@ -67,6 +67,11 @@ def passes(volume: Volume, q: Array) -> Mask:
     return np.asarray((q < low).any(axis=0) & (q > high).any(axis=0))
 
 
+def is_rows(name: str) -> bool:
+    """Whether a programme is a table of commands, whose rows are positions to be reached one after the other."""
+    return name.lower().endswith(".csv")
+
+
 def rows_beyond(fit: StoredFit, volume: Volume, name: str, q: Array) -> Iterator[str]:
     """What comes first of commands q (n, joints), mm and rad, that lie beyond what was measured, joint by joint.
 
@@ -76,7 +81,7 @@ def rows_beyond(fit: StoredFit, volume: Volume, name: str, q: Array) -> Iterator
     """
     import pandas as pd
 
-    rows = name.lower().endswith(".csv")
+    rows = is_rows(name)
     joints = [j.name for j in volume.field.joints]
     table = pd.DataFrame(q, columns=joints).assign(row=np.arange(1, len(q) + 1))
     ranges = {n: r for n, r in fit.data.get("covered", {}).items() if n in joints}

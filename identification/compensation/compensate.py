@@ -23,8 +23,8 @@ from errormodel.exceptions import InputError
 from errormodel.gcode.reading import Reading
 from errormodel.machine import Vector
 from identification.compensation.advice import mechanical_advice, scale_advice, with_scales
-from identification.compensation.assessment import Correct, assess, emulated, left, nothing
-from identification.compensation.beyond import carried_on, passes, region_words, rows_beyond
+from identification.compensation.assessment import Correct, assess, emulated, left
+from identification.compensation.beyond import carried_on, is_rows, passes, region_words, rows_beyond
 from identification.compensation.conditions import (
     check_errors,
     check_size,
@@ -42,8 +42,9 @@ from identification.compensation.read_motions import known_at_tip, motion_rows, 
 from identification.compensation.reduction import aligned, leftover, reduce
 from identification.compensation.result import Compensation, Own, Stated
 from identification.compensation.reversal import reversals
-from identification.compensation.rotary_axes import Kinematics, described, lines_of, refuse_large
-from identification.compensation.rows import Rows, held_out, joints_read, read_rows
+from identification.compensation.reversal_effects import reversal_errors
+from identification.compensation.rotary_axes import described, rotary_axes
+from identification.compensation.rows import Rows, held_out, joints_read, read_rows, taken_up
 from identification.compensation.seams import seams
 from identification.compensation.volume import Volume, levels
 from identification.observation.frames import rotation_notes
@@ -129,13 +130,13 @@ def compensate(
     if volume.free and read is not None:
         volume = volume.counted_from(middle, every=several_zeros(fit.values, read))
     with progress("Following the errors along each axis"):
-        setup, notes = volume.setup(points, resolution, axes)
-    rotary = _rotary_axes(controller, volume, setup, seed, kinematics, fit, allow_large) if read is None else None
+        setup, notes = volume.planned.setup(points, resolution, axes)
+    rotary = rotary_axes(controller, volume, setup, seed, kinematics, fit, allow_large) if read is None else None
     plain = volume
     if rotary is not None and kinematics:
         field = described(field, setup, rotary.lines)
         volume = replace(volume, field=field)
-        setup = volume.setup(points, resolution, axes)[0]
+        setup = volume.planned.setup(points, resolution, axes)[0]
     letters = {a.joint: a.name for a in setup.axes}
     by_axis = None if read is None else {a.name: read.get(a.joint, ()) for a in setup.axes}
     setup = replace(
@@ -145,7 +146,7 @@ def compensate(
     controller.suits(setup)
     whole = fit if read is None else None
     setup, of_tools = following(whole, volume, setup, controller, seed)
-    probing = _probing(controller, setup, volume) if probe else None
+    probing = _probing(controller, setup, volume.planned) if probe else None
     if len(states) > 1 and volume.free:
         volume = replace(volume, pose=volume.at(middle).frame)
     sets, designs = [], Designs(len(states))
@@ -170,7 +171,9 @@ def compensate(
         tests = check_of(controller, setup, sets[0].tables)
     usual = sets[len(sets) // 2]
     loose = sorted({c for c in channels if c not in states[0] and c.startswith(UNTABULATED_PREFIXES)})
-    correct = emulated(controller, usual.tables, setup, volume) if isinstance(controller, Controller) else volume.ideal
+    correct: Correct = (volume if is_rows(source[0]) else volume.planned).ideal
+    if isinstance(controller, Controller):
+        correct = emulated(controller, usual.tables, setup, volume)
     said = state_lines(volume.at(usual.state), table, loose, correct, seed)
     if rotary is not None and kinematics and isinstance(controller, Controller):
         bare = left(plain, emulated(controller, usual.tables, setup, plain), seed).rms_um
@@ -203,42 +206,13 @@ def compensate(
         tuple(columns),
         unconfirmed,
         tuple(outside(found, field, loose)),
+        reversal_errors(volume.at(usual.state), correct, seed, controller, setup, usual.tables, found, loose),
         first_lines(fit, setup, read, isinstance(controller, Controller)),
         tuple(scales),
         scaled_um,
         field.state["load"] if "load" in channels else None,
         controller.beyond if isinstance(controller, Controller) else region_words(volume),
     )
-
-
-def _rotary_axes(
-    controller: Target, volume: Volume, setup: Setup, seed: int, asked: bool, fit: StoredFit, allow_large: bool
-) -> Kinematics | None:
-    """Rotary axes as they lie, and what that is worth; None: there are none, or nothing that describes them.
-
-    Raises
-    ------
-    InputError
-        They are asked for where there are none, or of a target that has no kinematic description.
-    """
-    if not isinstance(controller, Controller):
-        if asked:
-            raise InputError("--kinematics", f"{controller.title} corrects the commands themselves", "Leave it out")
-        return None
-    if not controller.describes:
-        if asked:
-            found = f"{controller.title} has no kinematic description of rotary axes"
-            raise InputError("--kinematics", found, "Leave it out: tables then hold what they can of their errors")
-        return None
-    lines = lines_of(volume, setup, tilts := controller.describes_tilt, fit)
-    if not lines:
-        if asked:
-            raise InputError("--kinematics", "no rotary joint moved in the survey", "Leave it out")
-        return None
-    refuse_large(lines, allow_large or not asked)
-    known = replace(volume, field=described(volume.field, setup, lines))
-    before, with_it = (left(v, nothing, seed).rms_um for v in (volume, known))
-    return Kinematics(lines, before, with_it, asked, tilts)
 
 
 def _probing(controller: Target, setup: Setup, volume: Volume) -> Probing:
@@ -266,7 +240,7 @@ def _one_state(
         check_errors(
             volume, setup, allow_large, what, seed, lambda: against_model(judged(fit, volume, ideal, held, seed))
         )
-        tables = best_tables(controller, setup, volume, designs)
+        tables = best_tables(controller, setup, volume.planned, designs)
     if setup.read is not None and not any(
         np.abs(t.values).max(initial=0.0) > controller.quantum(setup) for t in tables
     ):
@@ -324,18 +298,25 @@ def _rewritten(
     reading: Reading | None,
     seed: int,
 ) -> Stated:
-    field = volume.field
+    import pandas as pd
+
+    field, (name, text) = volume.field, source
+    rows = is_rows(name)  # the path to each is known; of a programme it would have to be followed within each block
+    ideal = (volume if rows else volume.planned).ideal
 
     def correct(q: Array, direction: Array) -> Array:
-        return field.outward(volume.ideal(field.inward(q), direction))
+        inner = field.inward(q)
+        if rows:
+            path = pd.DataFrame(inner, columns=[j.name for j in field.joints])
+            direction = np.hstack([direction, taken_up(field.chain, path)])
+        return field.outward(ideal(inner, direction))
 
-    name, text = source
     done = rewriter.rewrite(name, text, setup, correct, reading)
     step, movers = 2 * rewriter.quantum(setup), list(field.movers)
 
     def rounded(q: Array, direction: Array, tool: Array | None) -> Array:
         out = q.copy()
-        moved = field.outward(volume.ideal(q, direction, tool))[:, movers]
+        moved = field.outward(ideal(q, direction, tool))[:, movers]
         out[:, movers] = np.round(moved / step) * step * np.where(field.rotary[movers], np.pi / 180, 1.0)
         return out
 
@@ -351,7 +332,7 @@ def _rewritten(
 def fewer_lines(controller: Controller, setup: Setup, volume: Volume, tables: Tables, seed: int) -> tuple[str, ...]:
     """What the bound on the number of tables costs: the residual error with as many as the format takes."""
     whole = replace(setup, most_tables=None)
-    every = best_tables(controller, whole, volume)
+    every = best_tables(controller, whole, volume.planned)
     used, all_of = (controller.used([t.term for t in x]) for x in (tables, every))
     few, most = (left(volume, emulated(controller, t, setup, volume), seed).rms_um for t in (tables, every))
     asked = f"{used} tables of the control, at most {setup.most_tables}"

@@ -39,6 +39,7 @@ class Field:
     state : value of every channel that is neither joint, tool nor direction (temperatures, feed, time).
     description : (joints, 6) small displacements (mm, rad, in the joints' frames) of rotary axes of the nominal
         machine, which a controller's kinematic description holds; empty: none.
+    mean_plays : whether positions after a play are those in the middle of it, as of tables that do not know the path.
     """
 
     chain: Chain
@@ -46,6 +47,7 @@ class Field:
     movers: tuple[int, ...]
     state: Mapping[str, float] = field(default_factory=dict)
     description: tuple[tuple[float, ...], ...] = ()
+    mean_plays: bool = False
 
     @classmethod
     def of(cls, fit: StoredFit, table: pd.DataFrame) -> Field:
@@ -96,13 +98,27 @@ class Field:
     def reversing(self) -> frozenset[str]:
         """Joints whose errors depend on the direction of approach."""
         names = [c[4:] for c in self.chain.channels if c.startswith("dir_")]
-        return frozenset(
-            [*names, *(c[2] for c in map(DERIVED_CHANNEL.fullmatch, self.chain.channels) if c and c[1] == "play")]
-        )
+        return frozenset([*names, *(() if self.mean_plays else (joint for joint, _ in self.plays))])
+
+    @cached_property
+    def plays(self) -> tuple[tuple[str, float], ...]:
+        """Joint and width (mm, rad) of each position after a play, in the order of the chain's channels."""
+        calls = map(DERIVED_CHANNEL.fullmatch, self.chain.channels)
+        return tuple((c[2], float(c[3])) for c in calls if c and c[1] == "play")
+
+    @property
+    def without_paths(self) -> Field:
+        """The same machine in the mean of the states that its paths leave it in: where hysteresis is zero."""
+        return replace(self, mean_plays=True) if self.plays else self
 
     def rows(self, q: Array, direction: Array, tool: Array | None = None) -> list[Array]:
-        """The chain's channels at commands; `direction` (n, joints) of +-1, `tool` (n, 3) in place of the machine's."""
+        """The chain's channels at commands; `tool` (n, 3) in place of the machine's.
+
+        `direction` is (n, joints) of +-1. Positions after a play are then those after long strokes; further columns,
+        one for each of `plays`, say which share (-1 to 1) of it each row's path has taken up.
+        """
         n, place = len(q), {j.name: k for k, j in enumerate(self.joints)}
+        shares = iter(direction[:, len(place) :].T)
         tips = np.tile(self.chain.machine.tool, (n, 1)) if tool is None else tool
         columns = []
         for name in self.chain.channels:
@@ -115,7 +131,8 @@ class Field:
                 columns.append(direction[:, place[name[4:]]])
             elif call and call[1] == "play":
                 k = place[call[2]]
-                columns.append(q[:, k] - direction[:, k] * float(call[3]) / 2)
+                share = 0.0 if self.mean_plays else next(shares, direction[:, k])
+                columns.append(q[:, k] - share * float(call[3]) / 2)
             elif again := RESUMED_CHANNEL.fullmatch(name):
                 columns.append(np.full(n, float(again[1])))
             else:  # in the steady state a lagged channel equals the channel itself

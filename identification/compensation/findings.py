@@ -23,17 +23,21 @@ from identification.results.versions import read_json, reason_of
 
 @dataclass(frozen=True)
 class Outside:
-    """A finding that no table holds: what it is, its probability and rms size at the tip (um), and why not."""
+    """What no table holds: its probability (None: declared), rms size at the tip (um), and why not."""
 
     effect: str
     where: str
-    probability: float
+    probability: float | None
     size_um: float
     why: str
 
     def line(self) -> str:
-        chance = f"{self.probability:.2f} likely" if self.probability < 0.995 else "more than 0.99 likely"
-        return f"{self.effect} of {self.where}, {chance}, {self.size_um:.1f} um rms at the tip: {self.why}"
+        chance = "" if self.probability is None else f", {_likely(self.probability)}"
+        return f"{self.effect} of {self.where}{chance}, {self.size_um:.1f} um rms at the tip: {self.why}"
+
+
+def _likely(probability: float) -> str:
+    return f"{probability:.2f} likely" if probability < 0.995 else "more than 0.99 likely"
 
 
 @dataclass(frozen=True)

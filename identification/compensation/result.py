@@ -24,6 +24,7 @@ from identification.compensation.conditions import (
 from identification.compensation.coordinates import Coordinates
 from identification.compensation.findings import Outside, column_line
 from identification.compensation.model_uncertainty import against_model
+from identification.compensation.reversal_effects import ReversalError
 from identification.compensation.rotary_axes import Kinematics
 from identification.compensation.seams import Seam
 
@@ -81,6 +82,7 @@ class Compensation:
     rotary : constant errors of the rotary axes; None: there are none.
     columns : changes with which columns of the survey were taken; `unconfirmed`: they are those of a diagnosis.
     outside : findings of the diagnosis that the tables do not hold.
+    reversals : reversal errors of the model, and what the tables hold of them.
     still : what comes first of rotary axes that the survey did not move.
     scales : scale errors that the tables do not hold, and where they are set.
     load : load that the tables are for, kg; None: the model depends on none.
@@ -101,6 +103,7 @@ class Compensation:
     columns: tuple[str, ...] = ()
     unconfirmed: bool = False
     outside: tuple[Outside, ...] = ()
+    reversals: tuple[ReversalError, ...] = ()
     still: tuple[str, ...] = ()
     scales: tuple[Scale, ...] = ()
     scaled_um: float | None = None
@@ -239,7 +242,10 @@ class Compensation:
             "scaled_um": self.scaled_um,
             "advice": [asdict(a) for a in self.advice],
             "first": self.first,
-            "not_in_tables": [asdict(o) for o in self.outside],
+            "not_in_tables": [
+                asdict(o) for o in (*self.outside, *(r.outside for r in self.reversals if r.held != "all"))
+            ],
+            "reversals": [asdict(r) for r in self.reversals],
             "rotary_axes": None if self.rotary is None else self.rotary.as_json(),
             "checklist": self.checklist,
             "notes": list(self.notes),

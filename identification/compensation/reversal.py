@@ -79,7 +79,7 @@ def with_backlash(correct: Correct, setup: Setup, found: Mapping[str, Reversal],
     unit = np.where(field.rotary, np.pi / 180, 1.0)
 
     def out(q: Array, direction: Array, tool: Array | None) -> Array:
-        return np.asarray(correct(q, direction, tool) - direction * size * unit / 2)
+        return np.asarray(correct(q, direction, tool) - direction[:, : len(size)] * size * unit / 2)
 
     return out
 

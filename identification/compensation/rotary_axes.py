@@ -19,10 +19,12 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.axes import directions_at_zero
+from errormodel.controllers.base import Controller, Target
 from errormodel.controllers.rotary_lines import Line
 from errormodel.controllers.setup import Setup
 from errormodel.exceptions import InputError
 from errormodel.surveys.columns import TOOL_COLUMNS
+from identification.compensation.assessment import left, nothing
 from identification.compensation.conditions import PLAUSIBLE_MM
 from identification.compensation.field import Field
 from identification.compensation.model_uncertainty import sensitivities_at
@@ -257,3 +259,33 @@ def description_text(found: Kinematics, heading: Sequence[str], steps: Sequence[
         *(part for step in steps for part in wrap(step, TEXT_WIDTH, subsequent_indent="    ")),
     ]
     return "\n".join(lines) + "\n"
+
+
+def rotary_axes(
+    controller: Target, volume: Volume, setup: Setup, seed: int, asked: bool, fit: StoredFit, allow_large: bool
+) -> Kinematics | None:
+    """Rotary axes as they lie, and what that is worth; None: there are none, or nothing that describes them.
+
+    Raises
+    ------
+    InputError
+        They are asked for where there are none, or of a target that has no kinematic description.
+    """
+    if not isinstance(controller, Controller):
+        if asked:
+            raise InputError("--kinematics", f"{controller.title} corrects the commands themselves", "Leave it out")
+        return None
+    if not controller.describes:
+        if asked:
+            found = f"{controller.title} has no kinematic description of rotary axes"
+            raise InputError("--kinematics", found, "Leave it out: tables then hold what they can of their errors")
+        return None
+    lines = lines_of(volume, setup, tilts := controller.describes_tilt, fit)
+    if not lines:
+        if asked:
+            raise InputError("--kinematics", "no rotary joint moved in the survey", "Leave it out")
+        return None
+    refuse_large(lines, allow_large or not asked)
+    known = replace(volume, field=described(volume.field, setup, lines))
+    before, with_it = (left(v, nothing, seed).rms_um for v in (volume, known))
+    return Kinematics(lines, before, with_it, asked, tilts)

@@ -15,7 +15,8 @@ import numpy as np
 
 from errormodel.approach import direction
 from errormodel.arrays import Array, Mask
-from errormodel.chain import TOOL_CHANNELS
+from errormodel.chain import TOOL_CHANNELS, Chain
+from errormodel.channels import DERIVED_CHANNEL, channel
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
 from errormodel.files import as_numbers, read_csv, without_apostrophes
@@ -108,7 +109,8 @@ class Rows:
 
     Attributes
     ----------
-    q, direction : (n, joints)
+    q : (n, joints)
+    direction : (n, joints), with a column more for each play (`Field.rows`) where the path before is known.
     tool : (n, 3) mm
     left : (n, 3) measured minus predicted by a fit that did not see the row, mm, in the reference's axes.
     frames : (n,) label of the frame that a row was measured in.
@@ -153,6 +155,17 @@ def commands(table: pd.DataFrame, machine: Machine) -> tuple[Array, Array, Array
     return q, came, tools
 
 
+def taken_up(chain: Chain, table: pd.DataFrame) -> Array:
+    """Shares (n, plays), -1 to 1, of the plays of a chain that the path of a table's rows has taken up."""
+    out = [np.zeros((len(table), 0))]
+    for name in chain.channels:
+        call = DERIVED_CHANNEL.fullmatch(name)
+        if call and call[1] == "play":
+            left = table[call[2]].to_numpy(dtype=np.float64) - channel(table, name)
+            out.append(left[:, None] / (float(call[3]) / 2))
+    return np.hstack(out)
+
+
 def held_out(fit: StoredFit, table: pd.DataFrame) -> Rows | None:
     """Positions that the fit did not use: test files, or blocks of cross-validation; None if there are too few."""
     for role, column, what in (
@@ -167,6 +180,7 @@ def held_out(fit: StoredFit, table: pd.DataFrame) -> Rows | None:
         if len(part) < FEWEST_HELD_OUT:
             continue
         q, came, tools = commands(table, fit.chain.machine)
+        came = np.hstack([came, taken_up(fit.chain, table)])
         mask = keep.to_numpy(dtype=bool)
         labels = frame_labels(Survey(part, "shared", (), Plain(), Path()), fit.frame_mode)
         turns = np.empty((len(part), 3, 3))

@@ -46,6 +46,11 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
         yield "not in these tables"
         for found in result.outside:
             yield from wrap(found.line(), TEXT_WIDTH, initial_indent="  ", subsequent_indent="    ")
+    if result.reversals:
+        yield ""
+        yield "reversal errors of the model, and what becomes of them"
+        for error in result.reversals:
+            yield from wrap(error.line(), TEXT_WIDTH, initial_indent="  ", subsequent_indent="    ")
     if result.rotary and result.rotary.asked:
         yield ""
         yield "all figures: with the rotary axes described as they lie"

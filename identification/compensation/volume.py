@@ -129,6 +129,16 @@ class Volume:
         """Whether each joint goes round: its region is a full turn, of which both ends are the same place."""
         return np.logical_and(self.field.rotary, np.abs(self.high - self.low - TURN) < TURN_SLACK)
 
+    @cached_property
+    def planned(self) -> Volume:
+        """The same volume as corrections see it that know the direction of travel at most, and no path.
+
+        After a short stroke a hysteresis is still as before it: corrected by the direction, it would be off by its
+        whole size there, and by no more than half of that if its mean is corrected.
+        """
+        field = self.field.without_paths
+        return self if field is self.field else replace(self, field=field)
+
     def clamp(self, q: Array) -> Array:
         """Nearest command inside the volume: commands outside are corrected as its boundary is."""
         return np.clip(q, self.low, self.high)
