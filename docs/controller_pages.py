@@ -39,7 +39,7 @@ def controller(name: str) -> Iterator[str]:
     if isinstance(made, Controller):
         holds = f"at most {made.most_points} points an axis"
         holds += f", {made.most_tables} tables" if made.most_tables else ""
-        holds += ", a table for each direction of travel (of hysteresis the mean)" if made.bidirectional else ""
+        holds += ", a table for each direction of travel" if made.bidirectional else ""
         holds += ", and follows the length of the tool" if made.follows_tool else ""
         beyond = made.beyond.replace("beyond it", "beyond what was measured")
         yield f"- Holds: {_holds(kind, setup)}; {holds}; {beyond}"

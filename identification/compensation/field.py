@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from errormodel.approach import direction
 from errormodel.arrays import Array, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.channels import DERIVED_CHANNEL, root
@@ -20,12 +21,16 @@ from errormodel.exceptions import InputError
 from errormodel.kernel import Kernel
 from errormodel.machine import Joint
 from errormodel.machine_rests import RESUMED_CHANNEL
+from identification.compensation.rows import taken_up
 from identification.results.stored_fit import StoredFit
 
 if TYPE_CHECKING:
     import pandas as pd
 
 LEAST_NEW_DIRECTION = 0.3  # share of a unit axis outside the span of the chosen ones: enough to add a direction
+
+# of a hysteresis, rms in the survey's rows, that the direction of travel may leave where tables follow it; by judgement
+BY_DIRECTION = 0.6
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,9 @@ class Field:
     state : value of every channel that is neither joint, tool nor direction (temperatures, feed, time).
     description : (joints, 6) small displacements (mm, rad, in the joints' frames) of rotary axes of the nominal
         machine, which a controller's kinematic description holds; empty: none.
-    mean_plays : whether positions after a play are those in the middle of it, as of tables that do not know the path.
+    short : joints with a play whose strokes in the survey did not take it up, mostly.
+    knows_paths : whether it is known what of a play a path has taken up; if not, it is all by the direction of travel,
+        or where strokes are short none.
     """
 
     chain: Chain
@@ -47,7 +54,8 @@ class Field:
     movers: tuple[int, ...]
     state: Mapping[str, float] = field(default_factory=dict)
     description: tuple[tuple[float, ...], ...] = ()
-    mean_plays: bool = False
+    short: frozenset[str] = frozenset()
+    knows_paths: bool = True
 
     @classmethod
     def of(cls, fit: StoredFit, table: pd.DataFrame) -> Field:
@@ -79,7 +87,7 @@ class Field:
             if name not in known and not name.startswith(("dir_", "run(", "of(")):
                 found = f"no column '{name}', which an effect of this machine needs"
                 raise InputError("residuals.csv", found, "Run the fit again")
-        return cls(chain, chain.vector({}), movers_of(chain), state)
+        return cls(chain, chain.vector({}), movers_of(chain), state, short=_short_strokes(chain, table))
 
     @property
     def joints(self) -> tuple[Joint, ...]:
@@ -98,7 +106,8 @@ class Field:
     def reversing(self) -> frozenset[str]:
         """Joints whose errors depend on the direction of approach."""
         names = [c[4:] for c in self.chain.channels if c.startswith("dir_")]
-        return frozenset([*names, *(() if self.mean_plays else (joint for joint, _ in self.plays))])
+        plays = {joint for joint, _ in self.plays}
+        return frozenset(names) | (plays if self.knows_paths else plays - self.short)
 
     @cached_property
     def plays(self) -> tuple[tuple[str, float], ...]:
@@ -108,8 +117,12 @@ class Field:
 
     @property
     def without_paths(self) -> Field:
-        """The same machine in the mean of the states that its paths leave it in: where hysteresis is zero."""
-        return replace(self, mean_plays=True) if self.plays else self
+        """The same machine as tables see it, which know the direction of travel and not the path before.
+
+        Where strokes are short hysteresis is at its mean, zero: by the direction it would be off by its whole size
+        after a short stroke.
+        """
+        return replace(self, knows_paths=False) if self.plays else self
 
     def rows(self, q: Array, direction: Array, tool: Array | None = None) -> list[Array]:
         """The chain's channels at commands; `tool` (n, 3) in place of the machine's.
@@ -131,7 +144,9 @@ class Field:
                 columns.append(direction[:, place[name[4:]]])
             elif call and call[1] == "play":
                 k = place[call[2]]
-                share = 0.0 if self.mean_plays else next(shares, direction[:, k])
+                share = next(shares, direction[:, k])
+                if not self.knows_paths:
+                    share = np.zeros(n) if call[2] in self.short else direction[:, k]
                 columns.append(q[:, k] - share * float(call[3]) / 2)
             elif again := RESUMED_CHANNEL.fullmatch(name):
                 columns.append(np.full(n, float(again[1])))
@@ -223,3 +238,13 @@ def movers_of(chain: Chain) -> tuple[int, ...]:
     if len(chosen) == 3 or len(linear) == len(joints):
         return tuple(sorted(chosen))
     return tuple(range(len(joints)))
+
+
+def _short_strokes(chain: Chain, table: pd.DataFrame) -> frozenset[str]:
+    """Joints with a play of which rows are better known by its mean than by the direction of travel."""
+    plays = [c[2] for c in map(DERIVED_CHANNEL.fullmatch, chain.channels) if c and c[1] == "play"]
+    out = set[str]()
+    for joint, share in zip(plays, taken_up(chain, table).T, strict=True):
+        if np.mean((share - direction(table, joint)) ** 2) > BY_DIRECTION**2 * np.mean(share**2):
+            out.add(joint)
+    return frozenset(out)

@@ -1,8 +1,8 @@
 """Reversal errors of a model (backlash, lost motion, hysteresis, of any motion), and what corrections hold of them.
 
 Figures are those of the tip over the measured volume: half the difference of both directions of approach after long
-strokes, um. A direction of travel tells backlash. It does not tell hysteresis, which depends on how far the axis has
-moved since it turned: tables hold the mean of both directions there.
+strokes, um. A direction of travel tells backlash. Hysteresis depends on how far the axis has moved since it turned:
+where most strokes of the survey were too short for it, tables hold the mean of both directions.
 """
 
 from __future__ import annotations
@@ -218,7 +218,7 @@ def _words(turn: _Turn, joint: Joint) -> str:
 def _why(error: ReversalError, target: Target, setup: Setup, tables: Tables, turn: _Turn, field: Field) -> str:
     """What becomes of a reversal error."""
     if error.width is not None:
-        return _of_paths(error, target, turn.width_words)
+        return _of_paths(error, target, turn.width_words, error.joint not in field.short)
     if not isinstance(target, Controller):
         return f"in these commands{_rest(error)}"
     if error.held == "all":
@@ -236,16 +236,21 @@ def _rest(error: ReversalError) -> str:
     return f": {error.left_um:.1f} um rms are left" if error.left_um >= LEAST_UM else ""
 
 
-def _of_paths(error: ReversalError, target: Target, width: str) -> str:
+def _of_paths(error: ReversalError, target: Target, width: str, by_direction: bool) -> str:
     """What becomes of a hysteresis, which depends on how far its axis has moved since it turned."""
-    if error.held == "all":
+    after = f"after strokes shorter than {width} up to {2 * error.worst_um:.1f} um are left"
+    if not isinstance(target, Controller) and error.held == "all":
         return (
             "in these commands, which follow how far each row is from the reversal before; the first rows count as "
             "reached by a long stroke"
         )
     what = "tables" if isinstance(target, Controller) else "commands"
+    if by_direction and error.held != "none":
+        part = "" if error.held == "all" else " in part only,"
+        return f"in these {what}{part} by the direction of travel, as most strokes of the survey were longer; {after}"
+    if by_direction:
+        return f"not in these {what}: up to {error.worst_um:.1f} um are left"
     return (
-        f"not in these {what}, which hold the mean of both directions: up to {error.worst_um:.1f} um are left. By the "
-        f"direction alone strokes shorter than {width} would be corrected too much: up to {2 * error.worst_um:.1f} um "
-        "would be left"
+        f"not in these {what}, which hold the mean of both directions: up to {error.worst_um:.1f} um are left. Most "
+        f"strokes of the survey were too short for the direction of travel: {after.replace('are', 'would be')} by it"
     )

@@ -131,11 +131,7 @@ class Volume:
 
     @cached_property
     def planned(self) -> Volume:
-        """The same volume as corrections see it that know the direction of travel at most, and no path.
-
-        After a short stroke a hysteresis is still as before it: corrected by the direction, it would be off by its
-        whole size there, and by no more than half of that if its mean is corrected.
-        """
+        """The same volume as corrections see it that know the direction of travel at most, and no path."""
         field = self.field.without_paths
         return self if field is self.field else replace(self, field=field)
 
