@@ -17,7 +17,7 @@ from identification.diagnosis.data_checks.contaminated_noise import (
     log_student,
     quantile_of_student,
 )
-from identification.diagnosis.decisions.constants import CLEARLY
+from identification.diagnosis.decisions.constants import LEAST_EVIDENCE
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.estimation.result import Fit, turned_residuals
 from identification.observation.models import PositionView
@@ -103,8 +103,8 @@ def _gross(
     farthest = _farthest(square, components)
     if explained and len(square) > FEWEST:
         lead, edge = contaminated(square[:: len(square) // MOST_USED + 1], components)  # evenly over the survey
-        log.add("contaminated-noise", "found" if lead > CLEARLY else "passed", "rows", lead, CLEARLY)
-        farthest = min(farthest, edge) if lead > CLEARLY else farthest
+        log.add("contaminated-noise", "found" if lead > LEAST_EVIDENCE else "passed", "rows", lead, LEAST_EVIDENCE)
+        farthest = min(farthest, edge) if lead > LEAST_EVIDENCE else farthest
     gross[seen] = square > farthest
     few = gross.sum() <= MOST * seen.sum()
     for row, far in zip(fit.survey.table["row"].to_numpy()[gross], square[gross[seen]], strict=True):

@@ -21,7 +21,8 @@ DECISIVE_ODDS = 100.0
 """Odds, beyond the trials factor, from which there is a finding: of 300 empty surveys of the proof the best had 30."""
 
 LEAST_EVIDENCE = 7.0
-"""Log Bayes factor, odds of 1000 to 1: with less nothing is examined, and no search begins from it."""
+"""Log Bayes factor, odds of 1000 to 1: with less nothing is examined, no search begins from it, and no rows contaminate
+the noise. Of eight simulators by others the least of rows that did had 9.0, heavy tails that look so 6.1 at most."""
 
 CLEARLY = 6.0
 """Log prior odds of physics that has a name against an empirical term, which fits anything, and against any other form

@@ -96,7 +96,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "contaminated-noise": Rule(
             OUTLIERS, GAIN, "A few rows of wider noise are left out, heavy tails are not.",
-            _decided("CLEARLY", "DECISIVE_ODDS") + _in(_CONTAMINATED, "TAILS", "WIDER", "SHARES"),
+            _decided("LEAST_EVIDENCE", "DECISIVE_ODDS") + _in(_CONTAMINATED, "TAILS", "WIDER", "SHARES"),
         ),
         "outlier-share": Rule(
             OUTLIERS, SHARE, "Where more rows than this would be so, none is.", _in("data_checks.outliers", "MOST")
