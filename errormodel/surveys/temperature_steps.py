@@ -69,8 +69,9 @@ def _of_series(rows: pd.DataFrame, values: Mapping[str, Array]) -> Iterator[str]
         for name, step in here.items():
             if leader := _leader(values[name], still, step):
                 moved = abs(float(np.diff(values[leader])[at]))
-                why = f"{leader}, which it follows before and behind, moves by {moved:.2g} K there: if nothing was switched on, "
-                yield _words(rows, {name: step}, f"{why}its sensor was moved or its channel of the logger reset")
+                why = f"{leader}, which it follows before and behind, moves by {moved:.2g} K there: if nothing was "
+                why += "switched on, its sensor was moved or its channel of the logger reset"
+                yield _words(rows, {name: step}, why)
 
 
 def _alive(values: Array) -> bool:

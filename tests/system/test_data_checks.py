@@ -376,15 +376,9 @@ def said(**columns: object) -> list[str]:
 
 
 def test_units_of_time_and_temperature_that_look_wrong_are_noted() -> None:
-    table = honest("bridge_cmm").table
-    time = table["time"].to_numpy()
-    way = np.sqrt((table[["X", "Y", "Z"]].diff()[1:] ** 2).sum(axis=1))
-    speed = float(np.median((way / np.diff(time))[way > 0]))  # mm/s
+    time = honest("bridge_cmm").table["time"].to_numpy()
     assert "write units: {temperature: degF}" in said(T_a=68.0, T_b=71.0)[0]
     assert "write units: {time: min} or {time: h}" in said(time=time / 3600)[0]
-    [fast] = said(time=time * speed / 3000)
-    assert "linear joints at 3 m/s (median from row to row) by the column time in s" in fast
-    assert not said(time=time * speed / 1000)
     assert "write units: {time: ms}" in said(time=time * 1000)[0]
     assert not said(T_a=20.0, T_motor=70.0, time=time)
     assert not said(T_hotend=75.0)
