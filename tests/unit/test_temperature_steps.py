@@ -13,7 +13,7 @@ from errormodel.surveys.temperature_steps import step_notes
 
 N, AT = 120, 70  # rows, and the first one behind what happens
 SINCE = np.clip(np.arange(N) - AT + 1, 0, None)  # rows
-BEHIND = SINCE > 0
+BEHIND = (SINCE > 0).astype(np.float64)
 
 
 def table(pace: float = 60.0, **changes: Array) -> pd.DataFrame:
@@ -47,7 +47,7 @@ def test_a_run_that_is_not_in_order_is_taken_by_its_times() -> None:
 @pytest.mark.parametrize("pace", [10.0, 60.0, 600.0])
 def test_what_happens_to_machines_is_no_jump(pace: float) -> None:
     warm = 6 * (1 - np.exp(-pace * SINCE / 300))  # a spindle
-    door = -5.0 * (BEHIND & (SINCE < 12))
+    door = -5.0 * BEHIND * (SINCE < 12)
     oil = np.where(BEHIND, 17 - table()["T_Y"], 0.0) + 0.02 * np.sin(np.arange(N))  # chilled from here on
     for changes in (
         {"T_Y": warm}, {"T_air": door}, {"T_Y": oil}, {"T_X": 4.0 * BEHIND, "T_Y": 5.0 * BEHIND, "T_air": 2.0 * BEHIND},
