@@ -28,11 +28,11 @@ import numpy as np
 
 from errormodel.approach import direction
 from errormodel.arrays import Array, Index
-from errormodel.exceptions import InputError, enumerated, nearest
+from errormodel.exceptions import MISTYPED, InputError, alike, enumerated, nearest
 from errormodel.machine_rests import RESUMED_CHANNEL, resumed
 from errormodel.path_speed import RATE_CHANNEL, SPEED_CHANNEL, clock_speed, path_speed
 from errormodel.row_order import label_numbers, measured_order
-from errormodel.temperature_courses import by_label, clocks, settled
+from errormodel.temperature_courses import by_label, clocks, noise_name, settled
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -145,7 +145,8 @@ def columns(table: pd.DataFrame, names: Sequence[str]) -> list[Array]:
         The survey lacks some of their columns: it names all; or one has gaps.
     """
     if len(absent := lacking({*map(str, table)}, names)) > 1:
-        raise InputError(f"{_place(table, 0)[0]}, header", needed_by_effects(absent), f"Add them. {_found(table)}")
+        cure = f"{_mistyped(table, absent)}Add them. {_found(table)}"
+        raise InputError(f"{_place(table, 0)[0]}, header", needed_by_effects(absent), cure)
     smooth = settled(table, {name for name in names if name.startswith("T_")})
     return [channel(smooth if name.startswith("T_") else table, name) for name in names]
 
@@ -184,8 +185,17 @@ def needed_by_effects(names: Sequence[str]) -> str:
 
 def _found(table: pd.DataFrame) -> str:
     """The columns with values, those left out that a survey has in any case."""
-    own = [c for c in table if c not in (*OWN_COLUMNS, "run", "tool_x", "tool_y", "tool_z") and table[c].notna().any()]
+    every = {*OWN_COLUMNS, "run", "tool_x", "tool_y", "tool_z", *map(noise_name, map(str, table))}
+    own = [c for c in table if c not in every and table[c].notna().any()]
     return f"Found: {', '.join(map(str, own))}"
+
+
+def _mistyped(table: pd.DataFrame, names: Sequence[str]) -> str:
+    """Which columns may be meant for some that are missing; nothing where none is like them."""
+    own = [c for c in map(str, table.columns) if c not in OWN_COLUMNS]
+    near = {n: alike(n, own, MISTYPED) for n in names}
+    hints = [f"'{column}' for '{name}'" for name, column in near.items() if column]
+    return f"Did you mean {enumerated(hints)}? " if hints else ""
 
 
 def _missing(table: pd.DataFrame, name: str, why: str, how: str = "") -> InputError:
@@ -193,7 +203,8 @@ def _missing(table: pd.DataFrame, name: str, why: str, how: str = "") -> InputEr
     unit = UNITS_OF_CHANNELS.get(name)
     kind = name[:2] if name.startswith(RECORDS) else ""  # in place of a sensor another sensor may have been meant
     columns = [c for c in map(str, table.columns) if c not in OWN_COLUMNS and c.startswith(kind)]
-    cure = f"Add it ({unit}{how}). {_found(table)}" if unit else nearest(name, columns) or "Add it"
+    add = f"{_mistyped(table, [name])}Add it ({unit}{how}). {_found(table)}"
+    cure = add if unit else nearest(name, columns) or "Add it"
     return InputError(f"{_place(table, 0)[0]}, header", f"no column '{name}', {why}", cure)
 
 

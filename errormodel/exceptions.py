@@ -58,14 +58,21 @@ def enumerated(names: Sequence[str], word: str = "and") -> str:
     return f" {word} ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
+MISTYPED = 0.75  # share of its characters that a mistyped name keeps, where others may be like it too; by judgement
+
+
+def alike(name: str, others: Iterable[str], least: float = 0.5) -> str:
+    """The name among others that is most like one (`least`: share of characters), or nothing."""
+    names = sorted(others)
+    same = [n for n in names if n.lower() == name.lower()]  # names such as `x` for `X` differ in case only
+    return next(iter(same or difflib.get_close_matches(name, names, n=1, cutoff=least)), "")
+
+
 def nearest(name: str, valid: Iterable[str], most: int | None = None) -> str:
     """Return ``did you mean 'X'? Valid: ...`` for a name not among `valid` (at most `most` listed), or nothing."""
     names = sorted(valid)
     if not names:
         return ""
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    if not close:  # names such as `x` for `X` differ in case only
-        close = [n for n in names if n.lower() == name.lower()][:1]
-    hint = f"Did you mean '{close[0]}'? " if close else ""
+    hint = f"Did you mean '{close}'? " if (close := alike(name, names)) else ""
     more = f" and {len(names) - most} more" if most is not None and len(names) > most else ""
     return f"{hint}Valid: {', '.join(names[:most])}{more}"

@@ -49,6 +49,7 @@ from errormodel.surveys.plausibility import check_sizes
 from errormodel.surveys.record import RecordForm
 from errormodel.surveys.states import planned
 from errormodel.surveys.target_places import places_of
+from errormodel.surveys.temperature_steps import step_notes
 from errormodel.surveys.temperatures import fahrenheit_notes
 from errormodel.surveys.touched_places import with_nominal_commands
 from errormodel.surveys.travels import travel_notes
@@ -239,7 +240,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     notes |= dict.fromkeys(travel_notes(table, machine))
     if measured:
         notes |= dict.fromkeys(clock_notes(table, machine))
-        notes |= dict.fromkeys(fahrenheit_notes(table))
+        notes |= dict.fromkeys((*fahrenheit_notes(table), *step_notes(table)))
         notes |= dict.fromkeys(_side_notes(table, machine, form.frame))
     _check_budget(form, document, machine, [str(c) for c in table.columns])
     rotation = None

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from errormodel.conventions import MOTIONS
-from errormodel.exceptions import InputError, enumerated, nearest
+from errormodel.exceptions import InputError, alike, enumerated, nearest
 from errormodel.formats.base import Table
 from errormodel.machine import Joint, Machine
 from errormodel.units import INTERNAL_UNITS, UNIT_EXAMPLES, Quantity, is_unit, of_diameters
@@ -233,7 +233,7 @@ def missing_joints(
 ) -> MissingJointsError:
     """Error for joints whose commanded positions have no columns, in a file with the columns `there`."""
     free = list(unused)
-    near = {joint: name for joint in joints if (name := _nearest_name(joint, free))}
+    near = {joint: name for joint in joints if (name := alike(joint, free))}
     many = len(joints) > 1
     found = f"no column{'s' * many} for the joint{'s' * many} {enumerated([repr(j) for j in joints])}"
     if near:
@@ -248,11 +248,6 @@ def missing_joints(
     error = MissingJointsError(f"{table.name}, header", found, f"{cure}. Found: {listed}")
     error.there = tuple(there)
     return error
-
-
-def _nearest_name(joint: str, unused: Sequence[str]) -> str:
-    near = next((name for name in unused if name.lower() == joint.lower()), "")
-    return near or next(iter(difflib.get_close_matches(joint, unused, n=1, cutoff=0.5)), "")
 
 
 def _all_or_none(where: str, ours: Mapping[str, str], names: tuple[str, ...]) -> None:

@@ -19,6 +19,7 @@ from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine
 from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS, unit_of_column
 from errormodel.surveys.motion_sizes import FEWEST_ROWS, UNITS_MM, check_motions
+from errormodel.surveys.temperatures import kelvin_note
 from errormodel.units import factor
 
 if TYPE_CHECKING:
@@ -27,13 +28,13 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# values of usual shop temperatures in each unit, which are implausible in degC
-_SHOP_TEMPERATURES = {"K": (250.0, 330.0), "degF": (55.0, 110.0)}
+_SHOP_DEGF = (55.0, 110.0)  # usual temperatures of shops in degF, which are implausible in degC
 _ROOM_DEGC = (5.0, 45.0)  # of a sensor that another one is compared with; by judgement
 # K between two members of a machine; K rms by which a sensor must change to be followed; share of that by which another
 # one that follows it may differ, and that must be this share of what it differs by in degC. By judgement
 _BETWEEN_MEMBERS, _CHANGES, _FOLLOWS, _FOLLOWS_BETTER = 5.0, 0.3, 0.5, 0.7
-_FASTEST_MM_PER_S = 5e3  # mm/s; faster slides are implausible; by judgement
+# mm/s, the fastest rapid traverses (120 m/min): a median from row to row, standstills included, is less
+_FASTEST_MM_PER_S = 2e3
 _LONGEST_STEP_S = 3600.0  # s; a longer median time from row to row is implausible; by judgement
 _FEWEST_PACE_ROWS = 10  # fewest rows from which a speed is judged; by judgement
 _SAMPLE_ROWS = 1000  # rows of the sample: more change nothing and take time
@@ -54,7 +55,7 @@ def check_sizes(
     measured: bool,
     read_as: Mapping[str, ReadAs] | None = None,
 ) -> list[str]:
-    """Refuse a file with an impossible unit of length; note implausible units of angle, temperature and time.
+    """Refuse an impossible unit of length, and kelvin; note implausible units of angle, temperature and time.
 
     Parameters
     ----------
@@ -70,7 +71,7 @@ def check_sizes(
     read_as : mapping or None
         What the error motions of a raw file were read from, as in `errormodel.raw_formats.base.Recording`.
     """
-    said: list[str | None] = []
+    said: list[str | None] = [_temperatures(frame, units, name, measured)]
     if measured and "joint" in frame:
         said += check_motions(frame, machine, units, name, read_as)
         for joint in machine.joints:
@@ -89,21 +90,30 @@ def check_sizes(
     if sample is not None:
         _check_measured(sample, prismatic, units, name, read_as)
     notes += [None if measured else _tools(frame, machine)]
-    notes += [_radians(frame, machine, units, sample), _temperatures(frame, units), _pace(frame, prismatic, units)]
+    notes += [_radians(frame, machine, units, sample), _pace(frame, prismatic, units)]
     return [f"{name}: {note}" for note in notes if note]
 
 
-def _temperatures(frame: pd.DataFrame, units: SurveyUnits) -> str | None:
-    """Note if all temperatures look like kelvin or Fahrenheit, or one like another one in Fahrenheit."""
+def _temperatures(frame: pd.DataFrame, units: SurveyUnits, where: str, measured: bool) -> str | None:
+    """Note if temperatures are in kelvin, all look like Fahrenheit, or one like another one in Fahrenheit.
+
+    Raises
+    ------
+    InputError
+        All temperatures that were measured are in kelvin.
+    """
     names = [str(n) for n in frame if str(n).startswith("T_") and n not in units.of_columns]
-    if not names or units.temperature != "degC" or not (middle := frame[names].median()).notna().all():
+    if not names or units.temperature != "degC":
+        return None
+    if note := kelvin_note(frame[names], where, measured):
+        return note
+    if not (middle := frame[names].median()).notna().all():
         return None
     low, high = float(middle.min()), float(middle.max())
-    for unit, (least, most) in _SHOP_TEMPERATURES.items():
-        alike = unit == "K" or (len(names) > 1 and high - low < 15)  # a single member may be as warm as that
-        if least < low and high < most and alike:
-            text = f"{' '.join(names)} of {low:.0f} to {high:.0f} degC"
-            return f"{text}; if they are in {unit}, write units: {{temperature: {unit}}}"
+    # a single member may be as warm as that
+    if _SHOP_DEGF[0] < low and high < _SHOP_DEGF[1] and len(names) > 1 and high - low < 15:
+        text = f"{' '.join(names)} of {low:.0f} to {high:.0f} degC"
+        return f"{text}; if they are in degF, write units: {{temperature: degF}}"
     return _one_in_fahrenheit(frame[names])
 
 
@@ -112,7 +122,7 @@ def _one_in_fahrenheit(read: pd.DataFrame) -> str | None:
 
     A motor or a heater may be as warm, but does not follow the room so.
     """
-    least, most = _SHOP_TEMPERATURES["degF"]
+    least, most = _SHOP_DEGF
     middle, changes = read.median(), read.std(ddof=0)
     names = [str(n) for n in read]
     for name in (n for n in names if least < middle[n] < most):
@@ -143,7 +153,11 @@ def _pace(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits) -> s
         return None
     speed, step = float(np.median(way[late] / steps[late])), float(np.median(steps[late]))
     if speed > _FASTEST_MM_PER_S:
-        return f"slides at {speed / 1e3:.0f} m/s by the column time; if it is in min or h, write units: {{time: min}}"
+        stated = unit_of_column("time", "time", units)
+        return (
+            f"linear joints at {speed / 1e3:.2g} m/s (median from row to row) by the column time in {stated}; if it is "
+            f"in min or h, write units: {{time: min}} or {{time: h}} in a survey.yaml"
+        )
     if step > _LONGEST_STEP_S and unit_of_column("time", "time", units) == "s":
         return f"{step / 3600:.1f} h from row to row by the column time; if it is in ms, write units: {{time: ms}}"
     return None

@@ -1,11 +1,14 @@
-"""Temperatures in another unit than the other sensors of a recording have."""
+"""Temperatures in another unit than degC, or than the other sensors of a recording have."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from errormodel.exceptions import ReadValueError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -14,6 +17,41 @@ if TYPE_CHECKING:
 
 APART = 20.0  # K: at no time does a sensor come so near to any other; at 20 degC degrees Fahrenheit are 48 more
 ALIKE = 5.0  # K, of the medians in degF: a machine and its room
+KELVIN = (250.0, 330.0)  # of machines and the rooms they stand in, -23 to 57 degC; no machine is as hot
+ZERO_DEGC = 273.15
+HEATED = re.compile(r"hot|nozzle|extru|heater", re.IGNORECASE)  # names of what is as hot in degC
+
+
+def in_kelvin(name: str, values: Array) -> bool:
+    """Whether a temperature (n,) read in degC is in K in all rows, as its numbers say."""
+    known = values[np.isfinite(values)]
+    return len(known) > 0 and bool(KELVIN[0] < known.min() and known.max() < KELVIN[1]) and not HEATED.search(name)
+
+
+def kelvin_note(read: pd.DataFrame, where: str, measured: bool) -> str | None:
+    """A note on temperatures of undeclared unit that are in K by their medians.
+
+    Raises
+    ------
+    ReadValueError
+        All of them are, in all rows, in a file of measurements (`measured`).
+    """
+    values = {str(n): read[n].dropna().to_numpy(dtype=np.float64) for n in read}
+    found = {n: v for n, v in values.items() if len(v) and in_kelvin(n, np.median(v, keepdims=True))}
+    if not found:
+        return None
+    inside = np.concatenate([v[(v > KELVIN[0]) & (v < KELVIN[1])] for v in found.values()])
+    low, high = float(inside.min()), float(inside.max())
+    names, are, whole = " ".join(found), "are" if len(found) > 1 else "is", len(found) == len(values)
+    text = f"{low:.4g} to {high:.4g} degC; in K it would be {low - ZERO_DEGC:.3g} to {high - ZERO_DEGC:.3g} degC"
+    units = "{temperature: K}" if whole else f"{{{', '.join(f'{n}: K' for n in found)}}}"
+    if not (whole and measured and all(in_kelvin(n, v) for n, v in found.items())):
+        return f"{names} {are} {text}. If so, write units: {units} in a survey.yaml"
+    options, kept = ",".join(f"{n}=K" for n in found), ", ".join(f"{n}: degC" for n in found)
+    cure = (
+        f"Write units: {units} in a survey.yaml, or import with --units {options}; if they are right, units: {{{kept}}}"
+    )
+    raise ReadValueError(f"{where}, column{'s' * (len(found) > 1)} {names}", text, cure)
 
 
 def fahrenheit_notes(table: pd.DataFrame) -> Iterator[str]:

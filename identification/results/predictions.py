@@ -50,7 +50,7 @@ def in_clock_of(stored: StoredFit, commands: Survey) -> Survey:
     ------
     InputError
         The times are dates, those of the survey were not, and the model depends on the time; or the model depends on a
-        temperature that has two values at one time.
+        temperature that has two values at one time; or a temperature is in another unit than those of the survey.
     """
     from dataclasses import replace
 
@@ -58,7 +58,9 @@ def in_clock_of(stored: StoredFit, commands: Survey) -> Survey:
 
     from errormodel.channels import check_one_temperature, lacking, root
     from errormodel.exceptions import InputError
+    from identification.uncertainty.measured_range import refuse_far_temperatures
 
+    refuse_far_temperatures(stored.data.get("covered", {}), commands.table)
     sensors = dict.fromkeys(map(root, stored.chain.channels))
     check_one_temperature(commands.table, [name for name in sensors if name.startswith("T_")])
     depends, may = (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,13 +12,16 @@ from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.channels import UNITS_OF_CHANNELS, root
 from errormodel.effects import make
+from errormodel.exceptions import MISTYPED, InputError, alike, enumerated
 from errormodel.simulation import outward
+from errormodel.surveys.temperatures import HEATED, ZERO_DEGC, in_kelvin
 from identification.uncertainty.unseen_expansion import at_constant_size
 
 if TYPE_CHECKING:
     import pandas as pd
 
 RANGE_MARGIN_SHARE = 0.1  # extrapolation beyond the measured range, as a share of it, that gets no note; by judgement
+IMPOSSIBLE_KELVIN = 100.0  # beyond all that was recorded, of what is not heated on purpose: another unit; by judgement
 IDLE_KELVIN = 1.0  # of a temperature that nothing depends on, beyond which a machine moves by more than noise
 TURN = 2 * np.pi
 # Share of a turn from which a rotary joint counts as measured all round, however fine its steps: a tenth is open then,
@@ -161,6 +164,64 @@ def unrecorded_load(ranges: Mapping[str, list[float]], table: pd.DataFrame) -> I
             "fitted survey has no column load. What it does to the machine is in no prediction, nor in the "
             "uncertainty. Record the load in every row of a survey with several, and fit that"
         )
+
+
+def refuse_far_temperatures(ranges: Mapping[str, list[float]], table: pd.DataFrame) -> None:
+    """InputError about temperatures so far beyond the fitted range that they are in another unit.
+
+    Parameters
+    ----------
+    ranges : lowest and highest fitted value by name, as `covered` returns them.
+    table : points to predict.
+    """
+    for name, (low, high) in ranges.items():
+        if not name.startswith("T_") or name not in table or HEATED.search(name):
+            continue
+        values = table[name].to_numpy(dtype=np.float64)
+        beyond = np.nan_to_num(np.fmax(low - values, values - high))
+        if beyond.max(initial=0.0) <= IMPOSSIBLE_KELVIN:
+            continue
+        at = int(np.argmax(beyond))
+        file, row = table["file"].iloc[at], table["row"].iloc[at]
+        recorded = f"where {low:.4g} to {high:.4g} degC were recorded"
+        if in_kelvin(name, values[[at]]):
+            celsius = f"; in K it would be {values[at] - ZERO_DEGC:.4g} degC"
+            cure = (
+                f"If the rows are in K, write them a survey.yaml with errormodel: 1, files: [{{path: {file}}}] and "
+                "units: {temperature: K}, and predict at that"
+            )
+        elif in_kelvin(name, np.array([low, high])):
+            celsius = ""
+            cure = "If the survey was in K, write units: {temperature: K} in its survey.yaml and fit it again"
+        else:
+            celsius, cure = "", "Write temperatures in degC, as they were recorded"
+        raise InputError(f"{file}, row {row}, column {name}", f"{values[at]:.5g} degC, {recorded}{celsius}", cure)
+
+
+def unrecorded_temperatures(
+    ranges: Mapping[str, list[float]], table: pd.DataFrame, said: Collection[str]
+) -> Iterator[str]:
+    """A note on points without temperatures, where the fitted rows have some.
+
+    Parameters
+    ----------
+    ranges : as `covered` returns them.
+    said : columns of which other notes say that they are missing.
+    """
+    names = [name for name in ranges if name.startswith("T_")]
+    if any(name in table and table[name].notna().any() for name in names):
+        return
+    if not (names := [name for name in names if name not in said]):
+        return
+    recorded = enumerated([f"{n} {ranges[n][0]:.4g} to {ranges[n][1]:.4g} degC" for n in names])
+    near = {n: alike(n, (str(c) for c in table if str(c).startswith("T_")), MISTYPED) for n in names}
+    hints = [f"{column} is perhaps {name}" for name, column in near.items() if column]
+    many = len(names) > 1
+    yield (
+        f"the recording had {recorded}, and the rows have no such column{'s' * many}"
+        f"{f' ({enumerated(hints)})' if hints else ''}: predicted as at the temperatures of the survey. What other "
+        f"temperatures do is not in the uncertainty. Add the column{'s' * many}"
+    )
 
 
 def _there(chain: Chain, name: str, acts: bool, possible: str) -> str:

@@ -24,7 +24,7 @@ from identification.observation.frames import rotation_notes
 from identification.observation.pose import IDENTITY, Pose
 from identification.results.stored_fit import StoredFit
 from identification.uncertainty.estimated_targets import estimated_targets
-from identification.uncertainty.measured_range import beyond_notes, unrecorded_load
+from identification.uncertainty.measured_range import beyond_notes, unrecorded_load, unrecorded_temperatures
 from identification.uncertainty.one_side import from_other_sides
 from identification.uncertainty.other_effects import (
     OtherEffect,
@@ -192,7 +192,8 @@ def _labels(fit: StoredFit, points: Survey) -> Array:
 def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     """Notes on unchecked files, assumed rotations, rows in another run's frame, extrapolation, assumed directions."""
     machine, table, others = fit.chain.machine, points.table, fit.others_for(points.table)
-    beyond = beyond_notes(fit.chain, fit.data.get("covered", {}), table, possible_causes(others, machine))
+    ranges = fit.data.get("covered", {})
+    beyond = beyond_notes(fit.chain, ranges, table, possible_causes(others, machine))
     free = (FREE_REFERENCE,) if fit.free_reference else ()
     own = (*fit.unlisted, *_turned(fit), *rotation_notes(fit.frames), *fit.sign_notes)
     temperatures = fit.data.get("temperatures", {})
@@ -202,11 +203,13 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     left = (LEFT.format(1e3 * fit.systematic),) if fit.systematic else ()
     misfit = (MISFIT.format(ratio),) if not left and (ratio := _misfit(fit)) ** 2 > MISFIT_RATIO else ()
     mistakes = (MISTAKE.format(text=text) for text in mended_words(machine))
+    missing = {name for other in fit.others for name in other.missing(machine, table)}
     changes = (
         *smoothed(fit.chain.channels, points, fit.data.get("temperature_noise", {})),
         *as_course(fit.chain.channels, [other.channels(machine) for other in others], table),
         *late,
-        *unrecorded_load(fit.data.get("covered", {}), table),
+        *unrecorded_load(ranges, table),
+        *unrecorded_temperatures(ranges, table, missing),
         *estimated_targets(machine, table),
         *unrecorded(fit.others, machine, table),
         *without_times(others, machine, table),

@@ -60,6 +60,15 @@ def test_without_times_each_row_is_settled(fitted: FitResult) -> None:
     assert "time" not in untimed
 
 
+@pytest.mark.parametrize("lacking", [["time"], []])
+def test_a_mistyped_column_is_pointed_at(fitted: FitResult, lacking: list[str]) -> None:
+    """Also where another sensor is there, which is not meant."""
+    typed = STATES.rename(columns={"T_bed": "T_Bed"}).assign(T_table=20.0).drop(columns=lacking)
+    with pytest.raises(InputError, match="Did you mean 'T_Bed'") as error:
+        predict(fitted, typed)
+    assert "noise(" not in str(error.value)
+
+
 def test_a_survey_names_all_joints_that_it_lacks(tmp_path: Path) -> None:
     (tmp_path / "s.csv").write_text("x,mx,my,mz\n1,2,3,4\n")
     with pytest.raises(InputError, match=r"joints 'X', 'Y' and 'Z'; the nearest is 'x'. .*columns: {X: \"x\"}"):

@@ -10,7 +10,7 @@ import pytest
 
 from errormodel.chain import Chain
 from errormodel.machine_file import read_machine
-from tests.helpers.commands import MILL, XYZ, Fill, done, write
+from tests.helpers.commands import MILL, XYZ, Fill, done, run, write
 
 E = ["ex", "ey", "ez"]
 
@@ -291,3 +291,38 @@ def test_a_run_whose_frame_is_not_known(tmp_path: Path, mill: Path) -> None:
     said = done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
     assert "run 2 was not fitted: predicted in the frame of run 1" in said
     assert "mx my mz of these rows may be off by that, which no uncertainty has" in said
+
+
+@pytest.fixture(scope="module")
+def recorded(mill: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A fit of a survey with two temperatures on which nothing depends, and points ``p.csv``."""
+    folder, whole = tmp_path_factory.mktemp("recorded"), pd.read_csv(mill / "s.csv")
+    course = 20.9 + 0.5 * np.linspace(0, 1, len(whole))
+    whole.assign(T_bed=course.round(3), T_air=(course + 1).round(3)).to_csv(folder / "s.csv", index=False)
+    done("fit", MILL, folder / "s.csv", "--out", folder / "fit")
+    whole.iloc[:5].drop(columns=XYZ).to_csv(folder / "p.csv", index=False)
+    return folder
+
+
+def test_points_without_the_temperatures_of_the_survey_are_said(recorded: Path, tmp_path: Path) -> None:
+    points = pd.read_csv(recorded / "p.csv")
+    said = "the recording had T_bed 20.9 to 21.4 degC and T_air 21.9 to 22.4 degC, and the rows have no such columns"
+    for columns, there in (({}, True), ({"T_Bed": 21.0}, True), ({"T_bed": 21.0}, False)):
+        points.assign(**columns).to_csv(tmp_path / "p.csv", index=False)
+        note = done("predict", recorded / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
+        assert note.count(said) == there
+        assert ("T_Bed is perhaps T_bed" in note) == ("T_Bed" in columns)
+
+
+def test_temperatures_of_points_in_another_unit_are_refused(recorded: Path, tmp_path: Path) -> None:
+    """20 K beyond what was recorded are predicted, with a note; the cure that is said is one."""
+    points, out = pd.read_csv(recorded / "p.csv"), ("--out", tmp_path / "out.csv")
+    points.assign(T_bed=[21.0, 41.0, 21.0, 21.0, 21.0]).to_csv(tmp_path / "warm.csv", index=False)
+    assert "beyond what was measured of T_bed" in done("predict", recorded / "fit", tmp_path / "warm.csv", *out).err
+    points.assign(T_bed=294.15).to_csv(tmp_path / "k.csv", index=False)
+    error = run("predict", recorded / "fit", tmp_path / "k.csv", *out)
+    assert error.code == 2
+    found = "k.csv, row 1, column T_bed: 294.15 degC, where 20.9 to 21.4 degC were recorded; in K it would be 21"
+    assert found in error.err
+    units = "errormodel: 1\nfiles: [{path: k.csv}]\nunits: {temperature: K}\n"
+    done("predict", recorded / "fit", write(tmp_path / "k.yaml", units), *out)

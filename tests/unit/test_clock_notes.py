@@ -8,6 +8,8 @@ import pytest
 
 from errormodel.machine_file import read_machine
 from errormodel.surveys.clock_notes import clock_notes
+from errormodel.surveys.file import SurveyUnits
+from errormodel.surveys.plausibility import check_sizes
 
 MILL = read_machine("vertical_three_axis")
 ROWS = 200
@@ -84,3 +86,14 @@ def test_a_position_that_follows_the_time_is_noted() -> None:
     assert len(list(clock_notes(partly, MILL))) == 1
     partly["Z"] = partly["Z"].where(partly["time"].isna(), 100.0)
     assert not list(clock_notes(partly, MILL))
+
+
+def test_faster_than_any_rapid_traverse_is_noted() -> None:
+    """At 3 m/s from row to row; at 1 m/s it is not."""
+    table = survey(1.0, False)
+    way = np.sqrt((table[["X", "Y", "Z"]].diff()[1:] ** 2).sum(axis=1))
+    at_1_m_s = table.assign(time=table["time"] * float(way.median()) / 1000)
+    assert not check_sizes(at_1_m_s, MILL, SurveyUnits(), "s.csv", measured=False)
+    [note] = check_sizes(at_1_m_s.assign(time=at_1_m_s["time"] / 3), MILL, SurveyUnits(), "s.csv", measured=False)
+    assert "linear joints at 3 m/s (median from row to row) by the column time in s" in note
+    assert "{time: min} or {time: h}" in note

@@ -44,7 +44,7 @@ def test_dead_sensors() -> None:
         "T_loose": "jumps by more than 10 K and back in 4 of 200 rows",
         "T_gap": "no value in 1 of 200 rows",
         "T_room": "goes from 24.58 to 76.26 at row 151, as from degC to degF",
-        "T_oven": "160 degC in all rows",
+        "T_oven": "160 to 198.5 degC in all rows",
     }
 
 

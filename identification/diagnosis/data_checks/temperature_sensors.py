@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.surveys.temperatures import HEATED, in_kelvin
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 SETTINGS = ("feed", "load")  # of the rows
 COLDEST, WARMEST = -60.0, 150.0  # degC, of machines and of the rooms they stand in
 HOTTEST = 400.0  # degC, of what melts filament or is heated on purpose
-HEATED = re.compile(r"hot|nozzle|extru|heater", re.IGNORECASE)
 STUCK = 0.5  # of the recording at one value to the last digit
 STEPS = 20.0  # of a sensor's own resolution: by so much the others move meanwhile
 COARSE = 0.1  # K, resolution of a sensor that never changes
@@ -83,7 +82,9 @@ def _fault(name: str, values: Array, others: list[Array], time: Array | None) ->
         return f"no value in {_rows(gaps, n)}"
     absurd = (values < COLDEST) | (values > (HOTTEST if HEATED.search(name) else WARMEST))
     if absurd.any():
-        return f"{values[absurd][0]:.4g} degC in {_rows(int(absurd.sum()), n)}"
+        low, high = (f"{x:.4g}" for x in (values[absurd].min(), values[absurd].max()))
+        text = f"{low if low == high else f'{low} to {high}'} degC in {_rows(int(absurd.sum()), n)}"
+        return f"{text}, as of K (units: {{{name}: K}})" if in_kelvin(name, values) else text
     start, end = _longest(values)
     if end - start > max(STUCK * n, 2):
         steps = np.abs(np.diff(values))
