@@ -27,7 +27,7 @@ def test_effects_alike_come_in_the_same_order_however_scores_are_rounded() -> No
     scores = candidates.scores(linear)
     ranked = [n for _, n in scores.by_key()][:8]
     first = candidates.effects[ranked[0]]
-    assert (first.effect, first.where, getattr(first, "run", None)) == ("station-shift", "frame", "2")
+    assert (first.effect, first.where, getattr(first, "run", None)) == ("target-offset", "tool", "2")
     rng = np.random.default_rng(1)
     for _ in range(20):  # as kernels of linear algebra differ, in single precision
         rounded = replace(scores, evidence=scores.evidence * (1 + rng.normal(0, 3e-6, len(scores.evidence))))
