@@ -112,7 +112,7 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
         return predict(fit, points).assign(**predict(replace(fit, frames=unturned), points)[[*ERRORS]])
 
     points = with_noise(points, fit.data.get("temperature_noise", {}))
-    points = replace(points, table=timed(fit.chain.channels, points.table))
+    points = replace(points, table=timed(fit.chain.channels, points.table, at_rest=False))
     labels = _labels(fit, points)
     channels = _channels(fit, points)
     likeliest = _predict_rows(fit, channels, labels)

@@ -41,12 +41,14 @@ def with_noise(points: Survey, recorded: Mapping[str, float]) -> Survey:
     return replace(points, table=points.table.assign(**{noise_name(n): recorded.get(n, 0.0) for n in names}))
 
 
-def timed(channels: Sequence[str], table: pd.DataFrame) -> pd.DataFrame:
+def timed(channels: Sequence[str], table: pd.DataFrame, *, at_rest: bool = True) -> pd.DataFrame:
     """The table; for channels that follow from its times with one time in all rows, where these are not known.
 
-    What follows the clock itself needs the times.
+    What follows the clock itself needs the times, and so do speeds where it is not to be taken that the machine is
+    `at_rest`.
     """
-    if complete(table) or "time" in channels or not (any(lags(channels)) or any(map(RATE_CHANNEL.fullmatch, channels))):
+    speeds = any(map(RATE_CHANNEL.fullmatch, channels))
+    if complete(table) or "time" in channels or not (any(lags(channels)) or speeds) or (speeds and not at_rest):
         return table
     return table.assign(time=0.0)
 

@@ -58,10 +58,10 @@ def test_without_lengths_a_member_may_be_a_ram_or_a_slide() -> None:
     [
         ("six_axis_arm", {("run(2)",), ("time",)}),
         ("five_axis_table_quill", {("run(2)",)}),
-        ("vertical_three_axis", set()),
+        ("vertical_three_axis", {("run(2)",)}),
     ],
 )
-def test_a_target_is_exchanged_where_a_turn_tells_it_from_a_shift_of_the_station(
+def test_a_target_is_exchanged_between_runs_and_where_a_turn_shows_it_within(
     name: str, by: set[tuple[str, ...]]
 ) -> None:
     machine = read_machine(name)
