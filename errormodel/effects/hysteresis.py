@@ -20,6 +20,8 @@ from errormodel.effects.shared import Positive, reversal_size
 from errormodel.effects.travel import usual_size
 from errormodel.machine import Machine, joint_of
 
+FINER = 1.6  # ratio of neighbouring widths; by judgement
+
 
 class Hysteresis(JointEffect):
     """``size * (q - p)/width`` along the axis (mm) or about it (rad); p follows the position q with a play of `width`.
@@ -62,16 +64,14 @@ class Hysteresis(JointEffect):
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         """Widths from the tenth percentile of the moves on; below it the effect is backlash.
 
-        Of other motions than along the axis from a quarter of it on: their reversal has no other name.
+        Of other motions than along the axis from a quarter of it on, as their reversal has no other name, and fewer.
         """
         for joint in scene.moving:
             moves = np.abs(np.diff(scene.columns[joint.name]))
             if scene.both_ways(joint) and moves.any():
-                width, others = (
-                    float(np.quantile(moves[moves > 0], 0.1)),
-                    [m for m in MOTIONS if m not in along(joint, 1.0)],
-                )
-                yield from (cls(joint=joint.name, width=width / 4, motion=motion) for motion in others)
-                while width < np.ptp(scene.span(joint)) / 2:
-                    yield from (cls(joint=joint.name, width=width, motion=motion) for motion in (None, *others))
-                    width *= 1.6
+                first, widest = float(np.quantile(moves[moves > 0], 0.1)), np.ptp(scene.span(joint)) / 2
+                others = [m for m in MOTIONS if m not in along(joint, 1.0)]
+                yield from (cls(joint=joint.name, width=first / 4, motion=motion) for motion in others)
+                for number in range(int(np.ceil(np.log(max(widest / first, 1)) / np.log(FINER)))):
+                    for motion in (None, *others) if number % 2 == 0 else (None,):
+                        yield cls(joint=joint.name, width=first * FINER**number, motion=motion)
