@@ -171,7 +171,8 @@ def compensate(
         tests = check_of(controller, setup, sets[0].tables)
     usual = sets[len(sets) // 2]
     loose = sorted({c for c in channels if c not in states[0] and c.startswith(UNTABULATED_PREFIXES)})
-    correct: Correct = (volume if is_rows(source[0]) else volume.planned).ideal
+    follows = is_rows(source[0]) and not isinstance(controller, Controller)
+    correct: Correct = (volume if follows else volume.planned).ideal
     if isinstance(controller, Controller):
         correct = emulated(controller, usual.tables, setup, volume)
     said = state_lines(volume.at(usual.state), table, loose, correct, seed)
@@ -206,7 +207,7 @@ def compensate(
         tuple(columns),
         unconfirmed,
         tuple(outside(found, field, loose)),
-        reversal_errors(volume.at(usual.state), correct, seed, controller, setup, usual.tables, found, loose),
+        reversal_errors(volume.at(usual.state), correct, seed, controller, setup, usual.tables, found, loose, follows),
         first_lines(fit, setup, read, isinstance(controller, Controller)),
         tuple(scales),
         scaled_um,

@@ -98,12 +98,14 @@ def reversal_errors(
     tables: Tables,
     found: Collection[Found],
     loose: Collection[str],
+    follows: bool = False,
 ) -> tuple[ReversalError, ...]:
     """Reversal errors of the model, in its order, with what corrected commands leave of them.
 
     Parameters
     ----------
     correct : the commands; `tables` : those that they come from, none of commands that are corrected themselves.
+    follows : whether each command is corrected by the path before it.
     found : findings of the diagnosis; `loose` : channels that no table follows: what they drive is said elsewhere.
     """
     field, rows = volume.field, fresh_rows(volume, seed)
@@ -127,7 +129,7 @@ def reversal_errors(
                 turn.effect.effect, turn.effect.where, joint.name, own[0] if own else None, turn.motions, turn.width,
                 size_um, left_um, float(size.max()), held, _words(turn, joint), "",
             )  # fmt: skip
-            out.append(replace(error, why=_why(error, target, setup, tables, turn, field)))
+            out.append(replace(error, why=_why(error, target, setup, tables, turn, field, follows)))
     return tuple(out)
 
 
@@ -215,10 +217,12 @@ def _words(turn: _Turn, joint: Joint) -> str:
     return f"{'; '.join(parts)}, on reversal{f' of {of}' if of else ''} ({turn.effect.effect}{within})"
 
 
-def _why(error: ReversalError, target: Target, setup: Setup, tables: Tables, turn: _Turn, field: Field) -> str:
+def _why(
+    error: ReversalError, target: Target, setup: Setup, tables: Tables, turn: _Turn, field: Field, follows: bool
+) -> str:
     """What becomes of a reversal error."""
     if error.width is not None:
-        return _of_paths(error, target, turn.width_words, error.joint not in field.short)
+        return _of_paths(error, target, turn.width_words, error.joint not in field.short, follows)
     if not isinstance(target, Controller):
         return f"in these commands{_rest(error)}"
     if error.held == "all":
@@ -236,10 +240,11 @@ def _rest(error: ReversalError) -> str:
     return f": {error.left_um:.1f} um rms are left" if error.left_um >= LEAST_UM else ""
 
 
-def _of_paths(error: ReversalError, target: Target, width: str, by_direction: bool) -> str:
+def _of_paths(error: ReversalError, target: Target, width: str, by_direction: bool, follows: bool) -> str:
     """What becomes of a hysteresis, which depends on how far its axis has moved since it turned."""
-    after = f"after strokes shorter than {width} up to {2 * error.worst_um:.1f} um are left"
-    if not isinstance(target, Controller) and error.held == "all":
+    most, twice = f"{error.worst_um:.1f}", f"{2 * error.worst_um:.1f}"
+    after = f"after strokes shorter than {width} up to {twice} um are left, where {most} are without it"
+    if follows:
         return (
             "in these commands, which follow how far each row is from the reversal before; the first rows count as "
             "reached by a long stroke"
@@ -249,8 +254,9 @@ def _of_paths(error: ReversalError, target: Target, width: str, by_direction: bo
         part = "" if error.held == "all" else " in part only,"
         return f"in these {what}{part} by the direction of travel, as most strokes of the survey were longer; {after}"
     if by_direction:
-        return f"not in these {what}: up to {error.worst_um:.1f} um are left"
+        return f"not in these {what}: up to {most} um are left"
     return (
-        f"not in these {what}, which hold the mean of both directions: up to {error.worst_um:.1f} um are left. Most "
-        f"strokes of the survey were too short for the direction of travel: {after.replace('are', 'would be')} by it"
+        f"not in these {what}, which hold the mean of both directions: up to {most} um are left. Most strokes of the "
+        f"survey were too short for the direction of travel: by it, after strokes shorter than {width} up to {twice} "
+        "um would be left"
     )

@@ -198,6 +198,22 @@ def refuse_far_temperatures(ranges: Mapping[str, list[float]], table: pd.DataFra
         raise InputError(f"{file}, row {row}, column {name}", f"{values[at]:.5g} degC, {recorded}{celsius}", cure)
 
 
+def unused_temperatures(ranges: Mapping[str, list[float]], table: pd.DataFrame) -> Iterator[str]:
+    """A note on temperatures of points, where the fitted rows have none at all.
+
+    Parameters
+    ----------
+    ranges : as `covered` returns them; none of a fit that has not kept them.
+    """
+    names = [str(c) for c in table if str(c).startswith("T_") and table[c].notna().any()]
+    if ranges and names and not any(name.startswith("T_") for name in ranges):
+        yield (
+            f"{enumerated(names)} {'is' if len(names) == 1 else 'are'} not used: the survey was fitted without "
+            "temperatures. What they do to the machine is in no prediction, nor in the uncertainty. Record them in the "
+            "survey's rows, and fit that"
+        )
+
+
 def unrecorded_temperatures(
     ranges: Mapping[str, list[float]], table: pd.DataFrame, said: Collection[str]
 ) -> Iterator[str]:

@@ -24,7 +24,12 @@ from identification.observation.frames import rotation_notes
 from identification.observation.pose import IDENTITY, Pose
 from identification.results.stored_fit import StoredFit
 from identification.uncertainty.estimated_targets import estimated_targets
-from identification.uncertainty.measured_range import beyond_notes, unrecorded_load, unrecorded_temperatures
+from identification.uncertainty.measured_range import (
+    beyond_notes,
+    unrecorded_load,
+    unrecorded_temperatures,
+    unused_temperatures,
+)
 from identification.uncertainty.one_side import from_other_sides
 from identification.uncertainty.other_effects import (
     OtherEffect,
@@ -75,8 +80,9 @@ LEFT = (
     "the diagnosis left {:.2g} um of a coordinate that is no noise and that nothing explains. The uncertainty has it "
     "as it was in the recording: later, warmer or elsewhere it may be much larger"
 )
-# Standard deviation of an unidentified parameter by unit, where no identified one gives a scale; by judgement
+# Standard deviation of an unidentified parameter by unit, and how many identified ones it is worth; by judgement
 PLAUSIBLE_SIZES = {"mm": 0.02, "rad": 5e-5, "1": 5e-5, "rad/mm": 5e-8}
+WORTH = 3
 MISTAKE = (
     "{text}: that mistake of the fitted survey is taken to be in these rows as well, and mended. If it is not, correct "
     "the survey, diagnose or fit it again, and predict from that"
@@ -209,6 +215,7 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
         *as_course(fit.chain.channels, [other.channels(machine) for other in others], table),
         *late,
         *unrecorded_load(ranges, table),
+        *unused_temperatures(ranges, table),
         *unrecorded_temperatures(ranges, table, missing),
         *estimated_targets(machine, table),
         *unrecorded(fit.others, machine, table),
@@ -259,7 +266,7 @@ def _unfitted(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     return (
         f"{what} {unknown[0]}{more} was not fitted: predicted in the frame of {what} {next(iter(fit.frames))}. Where "
         "its own frame lies is not known: mx my mz of these rows may be off by that, which no uncertainty has; ex ey "
-        "ez are not",
+        "ez are along the axes of that frame",
     )
 
 
@@ -357,11 +364,14 @@ def plausible_sizes(fit: StoredFit, names: Sequence[str]) -> Array:
 
 
 def _plausible(fit: StoredFit) -> dict[str, float]:
-    """Size of an unidentified parameter by unit: root mean square of the identified ones, if at least three."""
+    """Size of an unidentified parameter by unit: as identified ones have it, with a prior that is worth a few of them.
+
+    Few that happen to be small do not show that others are: inverse gamma prior of the variance, its posterior's mean
+    of the scale.
+    """
     out = dict(PLAUSIBLE_SIZES)
-    for unit, least in PLAUSIBLE_SIZES.items():
+    for unit, usual in PLAUSIBLE_SIZES.items():
         known = (i for i in fit.base if fit.units[i] == unit and not i.startswith(("frame", "zero[")))
-        values = [fit.values.get(i, 0.0) for i in known]
-        if len(values) > 2:
-            out[unit] = max(float(np.sqrt(np.mean(np.square(values)))), 1e-3 * least)
+        squares = [fit.values.get(i, 0.0) ** 2 for i in known]
+        out[unit] = float(np.sqrt((WORTH * usual**2 + sum(squares)) / (WORTH + len(squares))))
     return out

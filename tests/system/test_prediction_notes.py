@@ -326,3 +326,9 @@ def test_temperatures_of_points_in_another_unit_are_refused(recorded: Path, tmp_
     assert found in error.err
     units = "errormodel: 1\nfiles: [{path: k.csv}]\nunits: {temperature: K}\n"
     done("predict", recorded / "fit", write(tmp_path / "k.yaml", units), *out)
+
+
+def test_temperatures_of_rows_where_the_survey_has_none(mill: Path, tmp_path: Path) -> None:
+    pd.read_csv(mill / "s.csv").drop(columns=XYZ).assign(T_bed=30.0).to_csv(tmp_path / "p.csv", index=False)
+    said = done("predict", mill / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
+    assert "T_bed is not used: the survey was fitted without temperatures" in said
