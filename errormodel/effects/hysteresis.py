@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from errormodel.conventions import MOTIONS, Motion, unit_of
+from errormodel.conventions import MOTIONS, ROTATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.families import Traits
 from errormodel.effects.search_space.survey_summary import Scene
@@ -64,13 +64,15 @@ class Hysteresis(JointEffect):
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         """Widths from the tenth percentile of the moves on; below it the effect is backlash.
 
-        Of other motions than along the axis from a quarter of it on, as their reversal has no other name, and fewer.
+        Of other motions than along the axis (of bearings: tilts) from a quarter of it on, as their reversal has no other
+        name, and fewer.
         """
         for joint in scene.moving:
             moves = np.abs(np.diff(scene.columns[joint.name]))
             if scene.both_ways(joint) and moves.any():
                 first, widest = float(np.quantile(moves[moves > 0], 0.1)), np.ptp(scene.span(joint)) / 2
-                others = [m for m in MOTIONS if m not in along(joint, 1.0)]
+                kinds = MOTIONS if joint.type == "prismatic" else ROTATIONS  # bearings tilt an axis
+                others = [m for m in kinds if m not in along(joint, 1.0)]
                 yield from (cls(joint=joint.name, width=first / 4, motion=motion) for motion in others)
                 for number in range(int(np.ceil(np.log(max(widest / first, 1)) / np.log(FINER)))):
                     for motion in (None, *others) if number % 2 == 0 else (None,):
