@@ -64,8 +64,8 @@ class Hysteresis(JointEffect):
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         """Widths from the tenth percentile of the moves on; below it the effect is backlash.
 
-        Of other motions than along the axis (of bearings: tilts) from a quarter of it on, as their reversal has no other
-        name, and fewer.
+        Of other motions than along the axis (of bearings: tilts) fewer, from a quarter of it on, as their reversal has
+        no other name.
         """
         for joint in scene.moving:
             moves = np.abs(np.diff(scene.columns[joint.name]))
