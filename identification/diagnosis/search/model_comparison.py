@@ -34,7 +34,8 @@ from identification.runtime.memory import give_back
 from identification.runtime.parallel import parallel_map
 from identification.runtime.progress import Progress, silent
 
-LARGE = 4_000_000  # bytes of a model's basis from which searches run one after another, for each takes half a gigabyte
+# bytes of a model's basis from which one search is begun, and further ones run after it: each takes half a gigabyte
+LARGE = 4_000_000
 MOST_ALTERNATIVES = 3  # of a finding, from which the search is repeated
 
 
@@ -88,11 +89,12 @@ def _best_of_searches(
     if not begin:
         return model, []
     # of a model with many steps few searches are begun, the first of all: each takes as long as the search before
-    ends = np.cumsum([len(steps) for steps in begin]).tolist()
+    large = model.linear.basis.nbytes > LARGE
+    ends, most_steps = np.cumsum([len(steps) for steps in begin]).tolist(), 0 if large else MOST_STEPS
     for first, end in zip(begin[1:], ends[1:], strict=True):
-        if end > MOST_STEPS:
-            log.add("most-searches", "refused", first[-1].effect, end, MOST_STEPS)
-    begin = [first for k, (first, end) in enumerate(zip(begin, ends, strict=True)) if not k or end <= MOST_STEPS]
+        if end > most_steps:
+            log.add("most-searches", "refused", first[-1].effect, end, most_steps)
+    begin = [first for k, (first, end) in enumerate(zip(begin, ends, strict=True)) if not k or end <= most_steps]
     logs = [log.branch(number + k) for k in range(len(begin))]
     best, models = model, list[Whole]()
     most = model.log_posterior
@@ -103,7 +105,6 @@ def _best_of_searches(
             partial(_searched_from, start, tried, dict(looked or {}), lowest, steps, own)
             for (start, tried), steps, own in zip(branches, begin, logs, strict=True)
         ]
-        large = model.linear.basis.nbytes > LARGE
         found = _one_after_another(searches) if large else parallel_map(searches)
     for start, tried in branches:
         model.start.learn(start)
