@@ -21,7 +21,7 @@ Units: mm, rad, s, degC.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -296,6 +296,14 @@ def fading(kept: Array, taken: Array) -> Array:
 
     bands = np.vstack([np.ones(len(taken)), np.append(-kept, 0.0)])
     return np.asarray(solve_banded((1, 0), bands, taken))
+
+
+def plays_among(names: Iterable[str]) -> Iterator[tuple[str, str, float]]:
+    """Positions after a play among channels: name, joint and width (mm or rad)."""
+    for name in names:
+        call = DERIVED_CHANNEL.fullmatch(name)
+        if call and call[1] == "play":
+            yield name, call[2], float(call[3])
 
 
 def play(table: pd.DataFrame, name: str, width: float) -> Array:

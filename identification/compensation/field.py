@@ -15,7 +15,7 @@ import numpy as np
 from errormodel.approach import direction
 from errormodel.arrays import Array, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain
-from errormodel.channels import DERIVED_CHANNEL, root
+from errormodel.channels import DERIVED_CHANNEL, plays_among, root
 from errormodel.controllers.axes import directions_at_zero
 from errormodel.exceptions import InputError
 from errormodel.kernel import Kernel
@@ -112,8 +112,7 @@ class Field:
     @cached_property
     def plays(self) -> tuple[tuple[str, float], ...]:
         """Joint and width (mm, rad) of each position after a play, in the order of the chain's channels."""
-        calls = map(DERIVED_CHANNEL.fullmatch, self.chain.channels)
-        return tuple((c[2], float(c[3])) for c in calls if c and c[1] == "play")
+        return tuple((joint, width) for _, joint, width in plays_among(self.chain.channels))
 
     @property
     def without_paths(self) -> Field:
@@ -242,9 +241,8 @@ def movers_of(chain: Chain) -> tuple[int, ...]:
 
 def _short_strokes(chain: Chain, table: pd.DataFrame) -> frozenset[str]:
     """Joints with a play of which rows are better known by its mean than by the direction of travel."""
-    plays = [c[2] for c in map(DERIVED_CHANNEL.fullmatch, chain.channels) if c and c[1] == "play"]
     out = set[str]()
-    for joint, share in zip(plays, taken_up(chain, table).T, strict=True):
+    for (_, joint, _), share in zip(plays_among(chain.channels), taken_up(chain, table).T, strict=True):
         if np.mean((share - direction(table, joint)) ** 2) > BY_DIRECTION**2 * np.mean(share**2):
             out.add(joint)
     return frozenset(out)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.channels import DERIVED_CHANNEL, POINT_CHANNELS, root
+from errormodel.channels import POINT_CHANNELS, plays_among, root
 from errormodel.controllers.base import Controller, Target
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables
@@ -151,14 +151,14 @@ def _turns(field: Field, joint: Joint, q: Array, sides: tuple[Array, Array], loo
     for spec, ids in zip(chain.machine.effects, chain.effect_ids, strict=True):
         effect = make(spec)
         channels = effect.channels(chain.machine)
-        calls = [c for c in map(DERIVED_CHANNEL.fullmatch, channels) if c and c[1] == "play" and c[2] == joint.name]
-        if not (calls or f"dir_{joint.name}" in channels) or {*map(root, channels)} & {*loose}:
+        plays = [width for _, of, width in plays_among(channels) if of == joint.name]
+        if not (plays or f"dir_{joint.name}" in channels) or {*map(root, channels)} & {*loose}:
             continue
         others = field.values.copy()
         others[[chain.index[i] for i in ids]] = 0.0
         without = np.subtract(*(replace(field, values=others).actual(q, side) for side in sides))
         unit = 180 / np.pi if joint.type == "rotary" else 1.0
-        width = max((unit * float(c[3]) for c in calls), default=None)
+        width = max((unit * own for own in plays), default=None)
         motions = _motions(field, effect, ids, q, sides)
         out.append(_Turn(effect, tuple(ids), joint, width, whole - without, motions))
     return out

@@ -16,7 +16,7 @@ import numpy as np
 from errormodel.approach import direction
 from errormodel.arrays import Array, Mask
 from errormodel.chain import TOOL_CHANNELS, Chain
-from errormodel.channels import DERIVED_CHANNEL, channel
+from errormodel.channels import channel, plays_among
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
 from errormodel.files import as_numbers, read_csv, without_apostrophes
@@ -158,11 +158,9 @@ def commands(table: pd.DataFrame, machine: Machine) -> tuple[Array, Array, Array
 def taken_up(chain: Chain, table: pd.DataFrame) -> Array:
     """Shares (n, plays), -1 to 1, of the plays of a chain that the path of a table's rows has taken up."""
     out = [np.zeros((len(table), 0))]
-    for name in chain.channels:
-        call = DERIVED_CHANNEL.fullmatch(name)
-        if call and call[1] == "play":
-            left = table[call[2]].to_numpy(dtype=np.float64) - channel(table, name)
-            out.append(left[:, None] / (float(call[3]) / 2))
+    for name, joint, width in plays_among(chain.channels):
+        left = table[joint].to_numpy(dtype=np.float64) - channel(table, name)
+        out.append(left[:, None] / (width / 2))
     return np.hstack(out)
 
 

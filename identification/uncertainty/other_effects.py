@@ -21,8 +21,7 @@ from errormodel.channels import GAPLESS, root
 from errormodel.effects import make
 from errormodel.effects.base import SENSORS
 from errormodel.machine import EffectSpec, Machine
-from identification.uncertainty.recording_end import lags
-from identification.uncertainty.rows_in_time import complete
+from identification.uncertainty.recording_end import complete, lags
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -35,6 +35,11 @@ def lags(channels: Iterable[str]) -> Iterator[tuple[int, str, str, float]]:
             yield number, name, call[2], float(call[3])
 
 
+def complete(table: pd.DataFrame) -> bool:
+    """Whether a table has times in all rows."""
+    return "time" in table and bool(table["time"].notna().all())
+
+
 def late_sensors(chain: Chain) -> list[str]:
     """Base channels that act late in a model, each once."""
     return list(dict.fromkeys(base for _, _, base, _ in lags(chain.channels)))
@@ -105,7 +110,7 @@ def _joined(recorded: Sequence[Sequence[float]] | None, table: pd.DataFrame, bas
 def started_anew(chain: Chain, recorded: Recorded, table: pd.DataFrame) -> Iterator[str]:
     """A note on lagged channels that do not go on from the recording: they start in equilibrium."""
     series = on_one_clock(chain, recorded, table)
-    if "time" not in table or table["time"].isna().any():
+    if not complete(table):
         return
     if names := [base for base in late_sensors(chain) if base not in series]:
         yield (

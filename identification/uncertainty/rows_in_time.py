@@ -16,7 +16,7 @@ from errormodel.channels import AT_ONCE_KELVIN
 from errormodel.path_speed import RATE_CHANNEL
 from errormodel.survey import Survey
 from errormodel.temperature_courses import by_label, clocks, noise_name, noise_of, settled
-from identification.uncertainty.recording_end import lags
+from identification.uncertainty.recording_end import complete, lags
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,11 +51,6 @@ def timed(channels: Sequence[str], table: pd.DataFrame, *, at_rest: bool = True)
     if complete(table) or "time" in channels or not (any(lags(channels)) or speeds) or (speeds and not at_rest):
         return table
     return table.assign(time=0.0)
-
-
-def complete(table: pd.DataFrame) -> bool:
-    """Whether a table has times in all rows."""
-    return "time" in table and bool(table["time"].notna().all())
 
 
 def smoothed(channels: Sequence[str], points: Survey, recorded: Mapping[str, float]) -> Iterator[str]:

@@ -9,7 +9,7 @@ may be what both do.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -34,7 +34,7 @@ from identification.runtime.memory import give_back
 from identification.runtime.parallel import parallel_map
 from identification.runtime.progress import Progress, silent
 
-# bytes of a model's basis from which one search is begun, and further ones run after it: each takes half a gigabyte
+# bytes of a model's basis from which one search is begun and no more: each takes half a gigabyte
 LARGE = 4_000_000
 MOST_ALTERNATIVES = 3  # of a finding, from which the search is repeated
 
@@ -105,7 +105,9 @@ def _best_of_searches(
             partial(_searched_from, start, tried, dict(looked or {}), lowest, steps, own)
             for (start, tried), steps, own in zip(branches, begin, logs, strict=True)
         ]
-        found = _one_after_another(searches) if large else parallel_map(searches)
+        found = parallel_map(searches)
+        if large:
+            give_back()
     for start, tried in branches:
         model.start.learn(start)
         candidates.learn(tried)
@@ -141,15 +143,6 @@ def _best_of_searches(
             best, most, chosen = other, value, own.search
     log.add("model-evidence", "kept", f"search {chosen}: {_effects(best)}")
     return best, models
-
-
-def _one_after_another(searches: Iterable[Callable[[], tuple[Step, ...]]]) -> list[tuple[Step, ...]]:
-    """What each finds, with the memory of those before given back to the system."""
-    found = []
-    for search in searches:
-        found.append(search())
-        give_back()
-    return found
 
 
 def _effects(model: EffectModel) -> str:
