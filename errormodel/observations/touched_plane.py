@@ -69,7 +69,7 @@ class TouchedPlane(Observation):
         # heights above the rough plane are linear in the places along it, as far as these spread
         slopes = np.linalg.lstsq(np.column_stack([at @ p, at @ q]), at @ n - readings, rcond=1e-6)[0]
         normal = n - slopes[0] * p - slopes[1] * q
-        zero = float(middle @ normal / np.linalg.norm(normal))
+        zero = float(middle @ normal / np.linalg.norm(normal) - readings.mean())
         return {"tilt_1": -float(slopes[0]), "tilt_2": -float(slopes[1]), "zero": zero}
 
 

@@ -16,6 +16,7 @@ from errormodel.machine import EffectSpec, Machine
 from errormodel.simulation import measured_at, random_points
 from errormodel.survey import Survey
 from errormodel.truth import Truth
+from identification.diagnosis.results.findings import Finding
 
 FRAME = (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)  # of the instrument: mm, rad
 Shown = Sequence[tuple[EffectSpec, Sequence[float]]]  # effects and their first parameters
@@ -53,3 +54,8 @@ def showing(survey: Survey, machine: Machine, effects: Shown, noise: float | Ins
     values = {n: v for names, (_, first) in pairs for n, v in zip(names, first, strict=False)}
     seen = measured_at(chain.machine, survey.table, Truth(values, *FRAME), noise, seed)
     return replace(survey, table=survey.table.assign(**{c: seen[c] for c in ("mx", "my", "mz")}))
+
+
+def likely(finding: Finding) -> set[str]:
+    """The finding's effect and those that it may be as well, with a probability of a tenth at least."""
+    return {finding.effect, *(a.effect for a in finding.alternatives if (a.probability or 0) > 0.1)}

@@ -17,7 +17,7 @@ from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.search.criteria import canonical_correlation
 from identification.estimation.fit import fit_machine
 from identification.observation.pose import Pose
-from tests.helpers.diagnosed import FRAME, empty_survey, showing
+from tests.helpers.diagnosed import FRAME, empty_survey, likely, showing
 from tests.helpers.nightly import first_of
 
 MEASURED = ["mx", "my", "mz"]
@@ -40,18 +40,22 @@ def test_run_that_differs_by_a_constant(name: str) -> None:
     moved = table.copy()
     moved.loc[second, MEASURED] += [0.012, -0.004, 0.007]
     (finding,) = diagnose(machine, replace(survey, table=moved)).diagnosis.findings
-    assert (finding.effect, finding.where, finding.runs) == ("station-shift", "frame", ["2"])
+    assert finding.runs == ["2"]
+    alike = {"target-offset"} if name == "vertical_three_axis" else set()  # where no axis turns, a target put back
+    assert likely(finding) == {"station-shift", *alike}
 
 
 @pytest.mark.long
 def test_two_temperatures_of_one_motion() -> None:
-    """What the air does at once and the bed an hour later is one finding with both lags."""
+    """What the air does at once and the bed an hour later, which heats every other 50 min, is one finding with both."""
     machine = read_machine("vertical_three_axis")
     survey = empty_survey(machine, 400, 7, channels=True, grid=False)
     table = survey.table.copy()
-    time = table["time"].to_numpy()
-    table["T_0"] = 20 + 3 * np.sin(time / 900) + np.random.default_rng(1).normal(0, 0.03, len(table))
-    table["T_1"] = 21 + 6 * (1 - np.exp(-time / 2500))
+    time, rng = table["time"].to_numpy(), np.random.default_rng(1)
+    table["T_0"] = 20 + 3 * np.sin(time / 900) + rng.normal(0, 0.03, len(table))
+    heated, since = time // 3000 % 2 == 1, np.exp(-(time % 3000) / 900)
+    bed = np.where(heated, 1 - since, np.where(time > 3000, since, 0.0))
+    table["T_1"] = 21 + 3 * (1 - np.exp(-time / 2500)) + 3 * bed + rng.normal(0, 0.03, len(table))
     common = {"element": "column", "motion": "dy"}
     truth = (
         EffectSpec("structure-drift", {**common, "sensor": "T_0", "tau": 300.0}),

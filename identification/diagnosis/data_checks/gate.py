@@ -69,7 +69,7 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
         _refuse_copies(Chain(machine), survey)
         if not robust:  # which says itself that too many rows are wrong
             examine(machine, survey)  # a mistake is a better reason than what came of it
-            _refuse_names(Chain(machine), survey)
+            _refuse_lengths(Chain(machine), survey)
         raise
     _refuse_copies(fit.chain, survey)
     lengths = lengths_of(fit.chain, fit.problem.views)
@@ -116,10 +116,12 @@ def _refuse_opposite(survey: Survey, fit: Fit) -> None:
         raise InputError(str(survey.source), found.text, _cure(found))
 
 
-def _refuse_names(chain: Chain, survey: Survey) -> None:
-    """InputError about two names of observations that are exchanged, in a survey that cannot be fitted."""
+def _refuse_lengths(chain: Chain, survey: Survey) -> None:
+    """InputError about lengths that stand under another's name or in another's row, in a survey that is not fitted."""
     if "length" in survey.fit.table:
-        refuse_exchanged_names(chain, survey.fit, lengths_of(chain, build(chain, survey.fit).views))
+        lengths = lengths_of(chain, build(chain, survey.fit).views)
+        refuse_exchanged_names(chain, survey.fit, lengths)
+        refuse_wild_lengths(survey.fit, lengths)
 
 
 def _refuse_copies(chain: Chain, survey: Survey) -> None:
