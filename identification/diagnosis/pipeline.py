@@ -180,7 +180,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         if fewer:
             bad = still
             fit, found = again(bad)
-    if not noise_checked and (more := gross_rows(found.final, log, explained=True) & ~bad).any():
+    if not noise_checked and (more := gross_rows(found.final, log, earlier=bad) & ~bad).any():
         bad = bad | more  # what was found had hidden them, or made them seem heavy tails
         fit, found = again(bad)
     found = with_wanderer(found, changes, progress, log)

@@ -139,6 +139,24 @@ def test_a_gross_row_in_gaussian_noise_is_one(tracked: Survey) -> None:
     assert [*np.flatnonzero(gross_rows(replace(fit, residuals=noise)))] == [17, 90]
 
 
+def test_a_wrong_row_beside_others_that_were_left_out_is_one(tracked: Survey) -> None:
+    """Of eight standard deviations: in some draws too little for a finding, and enough where another was wrong."""
+    fit = fit_machine(read_machine(MILL), tracked)
+    none = np.zeros(len(fit.residuals), dtype=bool)
+    other = none.copy()
+    other[5] = True
+    found = []
+    for seed in range(20):
+        noise = 0.004 * np.random.default_rng(seed).normal(size=fit.residuals.shape)
+        noise[90] += 8 * 0.004 / np.sqrt(3)
+        noise[5] = np.nan
+        left = replace(fit, residuals=noise)
+        found.append([bool(gross_rows(left, earlier=earlier)[90]) for earlier in (none, other)])
+    alone, beside = np.sum(found, axis=0)
+    assert alone < beside
+    assert beside >= 15
+
+
 @pytest.mark.parametrize("wrong", [True, False])
 def test_a_station_in_the_machines_coordinates_is_noted(wrong: bool) -> None:
     machine = read_machine(MILL)

@@ -17,7 +17,7 @@ from identification.diagnosis.data_checks.contaminated_noise import (
     log_student,
     quantile_of_student,
 )
-from identification.diagnosis.decisions.constants import LEAST_EVIDENCE
+from identification.diagnosis.decisions.constants import DECISIVE_ODDS, LEAST_EVIDENCE
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.estimation.result import Fit, turned_residuals
 from identification.observation.models import PositionView
@@ -30,27 +30,29 @@ MOST_USED = 5000  # rows of which the distribution is taken: more take time
 CHANCE = 0.02  # rows of a survey that noise with such tails throws as far as what is called gross
 
 
-def gross_rows(fit: Fit, log: DecisionLog = UNRECORDED, *, explained: bool = False) -> Mask:
+def gross_rows(fit: Fit, log: DecisionLog = UNRECORDED, *, earlier: Mask | None = None) -> Mask:
     """Mask (n,) of rows whose residual vector is longer than the noise, with the tails it has, ever makes one.
 
     Parameters
     ----------
-    explained : whether all that has a cause is in the fit: then rows that contaminate normal noise are outliers too.
+    earlier : outliers that were left out before all that has a cause was in the fit, as it is now: then rows that
+        contaminate normal noise are outliers too. That some do is a new finding only where there were none.
     """
-    gross = _gross(fit, _alike(fit, fit.residuals), log, explained)
+    least = np.inf if earlier is None else np.log(DECISIVE_ODDS) if earlier.any() else LEAST_EVIDENCE
+    gross = _gross(fit, _alike(fit, fit.residuals), log, least)
     if fit.readings is not None:
         names = observed(fit.survey.table)
         for label in fit.survey.observations:  # each has a noise of its own
             own = np.where(names == label, fit.readings.fitted, np.nan)
-            gross |= _gross(fit, own[:, None], log, explained)
-    return gross | gross_orientations(fit, log, explained=explained)
+            gross |= _gross(fit, own[:, None], log, least)
+    return gross | gross_orientations(fit, log, least=least)
 
 
-def gross_orientations(fit: Fit, log: DecisionLog = UNRECORDED, *, explained: bool = False) -> Mask:
-    """The same of measured orientations."""
+def gross_orientations(fit: Fit, log: DecisionLog = UNRECORDED, *, least: float = np.inf) -> Mask:
+    """The same of measured orientations; `least` as of `_gross`."""
     if fit.sigma_rad is None:
         return np.zeros(fit.rows, dtype=bool)
-    return _gross(fit, turned_residuals(fit), log, explained, "orientation of row", 1e6)
+    return _gross(fit, turned_residuals(fit), log, least, "orientation of row", 1e6)
 
 
 def far_turned(fit: Fit, bad: Mask) -> str:
@@ -87,11 +89,12 @@ def _alike(fit: Fit, residuals: Array) -> Array:
 
 
 def _gross(
-    fit: Fit, residuals: Array, log: DecisionLog, explained: bool = False, name: str = "row", shown: float = 1e3
+    fit: Fit, residuals: Array, log: DecisionLog, least: float = np.inf, name: str = "row", shown: float = 1e3
 ) -> Mask:
     """The same of residuals (n, k), NaN where not measured: three components, or one reading, of the same noise.
 
-    `name`, `shown`: what the log calls a row, and the factor of its numbers.
+    `least`: log likelihood ratio of contaminated normal noise against one of heavy tails from which rows that
+    contaminate it are gross; `name`, `shown`: what the log calls a row, and the factor of its numbers.
     """
     measured = np.isfinite(residuals).sum(axis=1)
     seen = measured > 0
@@ -101,10 +104,10 @@ def _gross(
     gross: Mask = np.zeros_like(seen)
     components = round(float(measured[seen].mean()))
     farthest = _farthest(square, components)
-    if explained and len(square) > FEWEST:
+    if np.isfinite(least) and len(square) > FEWEST:
         lead, edge = contaminated(square[:: len(square) // MOST_USED + 1], components)  # evenly over the survey
-        log.add("contaminated-noise", "found" if lead > LEAST_EVIDENCE else "passed", "rows", lead, LEAST_EVIDENCE)
-        farthest = min(farthest, edge) if lead > LEAST_EVIDENCE else farthest
+        log.add("contaminated-noise", "found" if lead > least else "passed", "rows", lead, least)
+        farthest = min(farthest, edge) if lead > least else farthest
     gross[seen] = square > farthest
     few = gross.sum() <= MOST * seen.sum()
     for row, far in zip(fit.survey.table["row"].to_numpy()[gross], square[gross[seen]], strict=True):
