@@ -5,6 +5,7 @@ Units: mm, rad, s, degC.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations, pairwise
 from typing import Annotated, Literal
@@ -192,13 +193,21 @@ def switched(runs: Sequence[str], *, constant: bool = False) -> Iterator[str | t
 
 
 def lags(scene: Scene) -> list[float]:
-    """Candidate time constants of a first-order lag, s: 0, and up to half the recording."""
-    return [0.0, *(scene.duration / 2 / 1.6**k for k in range(7) if scene.duration)]
+    """Candidate time constants of a first-order lag, s: 0, and from half the recording to a 34th of it without rests."""
+    return [0.0, *_slower(scene, 0.5, 7)]
 
 
 def settling_times(scene: Scene) -> list[float]:
-    """Candidate time constants of a warm-up, s: from 0.06 to `SLOWEST` times the recording."""
-    return [SLOWEST * scene.duration / 1.6**k for k in range(8) if scene.duration]
+    """Candidate time constants of a warm-up, s: from `SLOWEST` times the recording to 0.06 of it without rests."""
+    return _slower(scene, SLOWEST, 8)
+
+
+def _slower(scene: Scene, most: float, count: int) -> list[float]:
+    """Times from `most` times the recording on, each 1.6 times the next: so many, and more as it has rests, s."""
+    if not scene.duration:
+        return []
+    more = round(math.log(scene.duration / scene.worked) / math.log(1.6))
+    return [most * scene.duration / 1.6**k for k in range(count + more)]
 
 
 def start_of(scene: Scene) -> float:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from errormodel.channels import CLOCKS
 from errormodel.machine import Joint, Machine, Vector
+from errormodel.machine_rests import rests
 from errormodel.path_speed import in_motion
 
 Array = NDArray[np.float64]
@@ -119,6 +120,11 @@ class Scene:
     def duration(self) -> float:
         """Duration of the survey, s; 0 without a column ``time``."""
         return float(np.ptp(self.columns["time"])) if self.varies("time") else 0.0
+
+    @cached_property
+    def worked(self) -> float:
+        """The same without rests, such as a night between two days of one clock, s."""
+        return self.duration - sum(end - begin for begin, end in rests(self.columns["time"])) if self.duration else 0.0
 
     def span(self, joint: Joint) -> tuple[float, float]:
         """Smallest and largest position that a joint was commanded to, mm or rad."""

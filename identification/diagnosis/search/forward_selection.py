@@ -238,7 +238,7 @@ def refit_time_constants(model: EffectModel) -> EffectModel:
     for _ in range(SWEEPS if len(model.steps) > 1 else 0):
         before = model.linear.square
         for k, step in enumerate(model.steps):
-            tau, quickest = getattr(step.effect, "tau", None), model.start.scene.duration / 1000
+            tau, quickest = getattr(step.effect, "tau", None), model.start.scene.worked / 1000
             if tau is None or not quickest:
                 continue
             rest = model.without([step])
@@ -266,7 +266,7 @@ def refit_time_constants(model: EffectModel) -> EffectModel:
 def _between(model: EffectModel) -> float:
     """Mean time between two rows, s."""
     scene = model.start.scene
-    return scene.duration / len(scene.columns["time"])
+    return scene.worked / len(scene.columns["time"])
 
 
 def add_second_sensor(model: EffectModel, candidates: Candidates, log: DecisionLog = UNRECORDED) -> EffectModel:

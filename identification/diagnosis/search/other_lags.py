@@ -121,7 +121,7 @@ def _lags_behind(beside: LinearModel, effect: Effect) -> Lags:
     tau = getattr(effect, "tau", None)
     taus = np.zeros(1)
     if tau is not None and duration:
-        taus = np.geomspace(SHORTEST * duration, max(duration, tau), TIMES)
+        taus = np.geomspace(SHORTEST * beside.scene.worked, max(duration, tau), TIMES)
     evidence = _evidence(beside, effect, taus, initial)
     if len(taus) > 1:
         step = taus[1] / taus[0]

@@ -139,7 +139,7 @@ def _drivers(linear: LinearModel, effect: Effect) -> list[str]:
     names = list(dict.fromkeys(map(root, effect.drivers)))
     if any(n.startswith("T_") or n == "time" for n in names):
         warm = [n for n in names if n.startswith("T_")] or list(linear.scene.sensors)
-        span = linear.scene.duration
+        span = linear.scene.worked
         names = [*names, *warm, *(["time"] if span else [])]
         names += [f"lag({n},{span / part:.4g})" for n in warm if span for part in (32, 12, 5)]
     return list(dict.fromkeys(names))
