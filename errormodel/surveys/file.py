@@ -247,6 +247,11 @@ def read_form(path: Path) -> tuple[SurveyForm, Document, Path]:
         path = path / SURVEY_FILE if (path / SURVEY_FILE).is_file() else path
     if path.suffix.lower() in (".yaml", ".yml"):
         document = load(path)
-        return validate(document, SurveyForm), document, path.parent
+        form = validate(document, SurveyForm)
+        for key in ("columns", "units"):
+            if document.data.get(key) and all(entry.format for entry in form.files):
+                found = "which no file reads: all have format:, and columns and units of their own"
+                raise document.error((key,), found, f"Write {key}: beside path: in files:, or leave out format: there")
+        return form, document, path.parent
     bare = SurveyForm.model_construct(errormodel=1, files=[FileEntry(path=str(path))])  # nothing to validate
     return bare, Document(str(path), {}, {(): 1}), Path()
