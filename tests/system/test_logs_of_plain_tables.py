@@ -17,7 +17,7 @@ LOG = "logs: [{path: log.csv, format: temperature-log}]"
 ROWS = 40
 
 
-def survey(folder: Path, extra: str = LOG, **columns: object) -> Path:
+def survey(folder: Path, extra: str = LOG, **columns: float) -> Path:
     """A table with times 60 s apart, and a log of 20 degC and 1 degC more in 1000 s."""
     poses(ROWS).assign(time=60.0 * np.arange(ROWS), **columns).to_csv(folder / "s.csv", index=False)
     clock = np.arange(0.0, 3001.0, 100.0)
@@ -71,10 +71,10 @@ def test_temperatures_of_a_log_are_checked(tmp_path: Path) -> None:
     assert read.table["T_bed"].min() > -273.16
 
 
-@pytest.mark.parametrize("key", ["units: {length: m}", "columns: {mx: East}"])
-def test_settings_that_no_file_reads_are_refused(tmp_path: Path, key: str) -> None:
+@pytest.mark.parametrize(("key", "value"), [("units", "{length: m}"), ("columns", "{mx: East}")])
+def test_settings_that_no_file_reads_are_refused(tmp_path: Path, key: str, value: str) -> None:
     """Columns and units of the whole survey are those of files without format."""
     survey(tmp_path)
-    path = yaml(tmp_path, key, "[{path: s.csv, format: delimited-table}]")
-    with pytest.raises(InputError, match=rf"line 3, key {key.split(':')[0]}: which no file reads: .*beside path:"):
+    path = yaml(tmp_path, f"{key}: {value}", "[{path: s.csv, format: delimited-table}]")
+    with pytest.raises(InputError, match=rf"line 3, key {key}: which no file reads: .*beside path:"):
         read_survey(path, MACHINE)

@@ -1,9 +1,8 @@
 """Gate 0: mistakes in a recording, which mimic everything. They are put right and reported, never explained as physics.
 
-Columns with another sign, unit, zero or place (`wrong_columns`), also where points in a plane do not show it
-(`left_handed`), rows in another order, frame or meaning
-(`wrong_rows`), copies and clocks (`bookkeeping`), readings of the opposite sign (`opposite_readings`). Sensors that are
-none are set aside by `sensors`.
+Columns with another sign, unit, zero or place (`wrong_columns`) or in other rows (`late_column`), also where points in
+a plane do not show it (`left_handed`), rows in another order, frame or meaning (`wrong_rows`), copies and clocks
+(`bookkeeping`), readings of the opposite sign (`opposite_readings`). Sensors that are none are set aside by `sensors`.
 """
 
 from __future__ import annotations
@@ -18,10 +17,12 @@ from errormodel.chain import Chain
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED, ORIENTATION, READINGS
+from errormodel.surveys.touched_places import with_nominal_commands
 from identification.diagnosis.data_checks.blunder import Blunder
 from identification.diagnosis.data_checks.columns import wrong_column
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows, set_clock
 from identification.diagnosis.data_checks.hand import left_handed
+from identification.diagnosis.data_checks.late_columns import late_column
 from identification.diagnosis.data_checks.opposite_readings import find_opposite_readings
 from identification.diagnosis.data_checks.rows import refuse_other_targets, wrong_rows
 from identification.diagnosis.data_checks.steps import refuse_steps
@@ -44,7 +45,7 @@ def find_blunders(machine: Machine, survey: Survey, log: DecisionLog = UNRECORDE
     gates: list[Callable[[Survey], Blunder | None]] = [
         lambda s: copied_rows(chain, s, log),
         lambda s: set_clock(s, log),
-        lambda s: wrong_column(chain, s, log=log) or wrong_rows(chain, s, log),
+        lambda s: wrong_column(chain, s, log=log) or wrong_rows(chain, s, log) or late_column(chain, s, log),
         lambda s: wrong_column(chain, s, two=True, log=log),
         lambda s: left_handed(chain, s, log),
         lambda s: find_opposite_readings(chain, s, log),
@@ -54,13 +55,21 @@ def find_blunders(machine: Machine, survey: Survey, log: DecisionLog = UNRECORDE
     refuse_other_targets(chain, survey)
     for gate in gates:
         while len(out) < MOST_BLUNDERS and (blunder := gate(survey)) is not None:
-            out.append(blunder)
-            survey = blunder.survey
+            survey = _with_nominal_commands(blunder.survey, machine)
+            out.append(replace(blunder, survey=survey))
     if len(out) >= MOST_BLUNDERS:
         log.add("most-mistakes", "refused", "survey", len(out), MOST_BLUNDERS)
     refuse_unrelated(chain, survey, log)
     refuse_steps(machine, survey)
     return out
+
+
+def _with_nominal_commands(survey: Survey, machine: Machine) -> Survey:
+    """The survey of places that were touched, which only now show as such, as reading it would have written it."""
+    if survey.indicated:
+        return survey
+    table, notes = with_nominal_commands(survey.table, machine, survey.frame, survey.frame_rotation)
+    return replace(survey, table=table, notes=(*survey.notes, *notes), indicated=True) if notes else survey
 
 
 def without(survey: Survey, rows: Mask) -> Survey:

@@ -70,6 +70,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             DATA, RATIO, "Points in a plane are left-handed where declared errors explain their mirror image.",
             _in("data_checks.declared_errors", "CLEAR", "CLEARLY"),
         ),
+        "late-column": Rule(
+            DATA, RATIO, "Commands of some joints that fit a few rows further on are taken from there.",
+            _in(_ROWS, "BETTER") + _in(_COLUMNS, "TWO", "ALIKE"),
+        ),
         "rows-elsewhere": Rule(
             DATA, COUNT, "Rows that fit in another order, run or column are put there.",
             _in(_ROWS, "FAR", "NEAR", "MOST", "CLEARLY", "BETTER", "REST", "LATEST"),
