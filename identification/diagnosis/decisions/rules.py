@@ -81,6 +81,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "most-mistakes": Rule(
             DATA, COUNT, "No more mistakes than this are put right.", _in("data_checks.checks", "MOST_BLUNDERS")
         ),
+        "no-cure": Rule(
+            DATA, "um", "Changes of columns that leave far more than a machine's errors are no cure, and are refused.",
+            _in(_COLUMNS, "TWO") + _in(_ROWS, "BETTER"),
+        ),
         "unrelated-points": Rule(
             DATA, RATIO, "Measured points that fit their commands no better than those of any other row are refused.",
             _in("data_checks.unrelated", "RELATED", "SHUFFLES"),
