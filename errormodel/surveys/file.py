@@ -127,7 +127,9 @@ class FileEntry(RawEntry):
     def _raw(self) -> FileEntry:
         own = self.model_fields_set - {"path", "role", "format"}
         if own and not self.format:
-            raise ValueError(f"Write format: beside {min(own)}:, or columns: and units: of the whole survey")
+            key = min(own)
+            rest = f", or {key}: of the whole survey" if key in SurveyForm.model_fields else ""
+            raise ValueError(f"Write format: beside {key}:, as errormodel import writes it{rest}")
         if self.commands is not None and not self.pairs:
             raise ValueError("Write pairs: beside commands:, the file that says which rows belong together")
         return self

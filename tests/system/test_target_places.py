@@ -142,6 +142,13 @@ def test_a_target_that_says_two_things_is_refused(tmp_path: Path, target: str, c
         fit(ARM, survey(tmp_path / "s", f"{{T1: {target}, T2: [0, 0, 1], T3: [0, 0, 2]}}"))
 
 
+def test_targets_of_a_file_without_format_say_what_to_write(tmp_path: Path) -> None:
+    path = survey(tmp_path / "s", listed("{}")) / "survey.yaml"
+    path.write_text(path.read_text().replace("    format: delimited-table\n", ""))
+    with pytest.raises(InputError, match=r"Write format: beside targets:, as errormodel import writes it$"):
+        fit(ARM, path)
+
+
 def as_written(k: int, place: Array) -> tuple[pd.DataFrame, Array]:
     """Points of three targets, of which the k-th is written at `place`."""
     table = measured(poses(60, 1), STATED, NOISE).drop(columns="target")
