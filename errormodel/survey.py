@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -54,6 +55,9 @@ from errormodel.surveys.temperatures import fahrenheit_notes
 from errormodel.surveys.touched_places import with_nominal_commands
 from errormodel.surveys.travels import travel_notes
 from errormodel.yamlfile import Document
+
+if TYPE_CHECKING:
+    from errormodel.surveys.logs import Log
 
 Array = NDArray[np.float64]
 
@@ -198,6 +202,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     InputError
         About the first fault, with file, row and column or line and key.
     """
+    logs: list[Log] = []
     if isinstance(source, pd.DataFrame):
         path = Path(data_frame.FRAME_TABLE_NAME)
         form, document, _ = read_form(path)
@@ -205,7 +210,11 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     else:
         path = Path(source)
         form, document, folder = read_form(path)
-        opened = [(entry, _opened(entry, form, folder, machine)) for entry in form.files]
+        if form.logs:
+            from errormodel.surveys.raw import open_logs
+
+            logs = open_logs(form.logs, folder, machine)
+        opened = [(entry, _opened(entry, folder, machine, logs)) for entry in form.files]
     check_map(
         document, machine, form.columns, [table for entry, tables in opened if not entry.format for table in tables]
     )
@@ -221,6 +230,10 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     check_units(document, machine, form.units, named)
     for (entry, tables), own, settings in zip(opened, plans, forms, strict=True):
         part = _read_file(entry, tables, own, machine, settings, measured)
+        if logs and not entry.format:  # those of a raw file have been joined to it
+            from errormodel.surveys.logs import part_with_logs
+
+            part = part_with_logs(part, logs, entry.path)
         # results state the file as survey.yaml does, or by its name: the same wherever the command is run
         label = entry.path if document.data else name_of(Path(entry.path))
         part.frame["file"] = label
@@ -265,12 +278,12 @@ def name_of(path: Path) -> str:
     return path.name if path.name not in ("", "..") else path.resolve().name
 
 
-def _opened(entry: FileEntry, form: SurveyForm, folder: Path, machine: Machine) -> list[Table]:
+def _opened(entry: FileEntry, folder: Path, machine: Machine, logs: list[Log]) -> list[Table]:
     if not entry.format:
         return open_tables(folder / entry.path, entry.path)
     from errormodel.surveys.raw import open_entry
 
-    return [open_entry(entry, folder, machine, form.logs)]
+    return [open_entry(entry, folder, machine, logs)]
 
 
 def _own_form(form: SurveyForm, entry: FileEntry, table: Table) -> SurveyForm:

@@ -234,6 +234,8 @@ def open_rows(
     if raw := next((entry for entry in form.files if entry.format), None):
         found = f"{raw.path}, a raw file ({raw.format}), which is read as a whole"
         raise InputError(str(path), found, "Import it into Parquet or CSV first, or leave out --stream")
+    if form.logs:
+        raise document.error(("logs",), "logs, which are joined to all rows", f"{WHOLE[0].upper()}{WHOLE[1:]}")
     if form.frame == "per-run" and not every:
         raise InputError(
             str(path), "frame: per-run, of which the frames are found from all rows",

@@ -18,7 +18,7 @@ from errormodel.conventions import MOTIONS, ROTATIONS
 from errormodel.drives import as_one
 from errormodel.exceptions import InputError, NoRowsError, ReadValueError, nearest
 from errormodel.files import without_apostrophes
-from errormodel.formats.base import Table, as_numbers
+from errormodel.formats.base import Table, as_numbers, spoken
 from errormodel.instruments.base import LARGEST_SIGMA, LEAST_SIGMA
 from errormodel.machine import Machine
 from errormodel.surveys.columns import (
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+FEW_CELLS = 0.1  # of the rows: so many wrong cells of a column are slips, more are another format; by judgement
 # mm or rad; larger numbers are placeholders for "no value"; by judgement: 10 km is beyond any machine
 LARGEST_READING = 1e7
 
@@ -81,11 +82,15 @@ class _Offences:
     table: Table
     plan: Plan
     raw: pd.DataFrame
+    commands: frozenset[str]  # columns without which a row says nothing
     found: list[tuple[int, int, str, str, str, type[InputError]]] = field(default_factory=list)
 
     def add(self, column: str, bad: Mask, what: str, cure: str, kind: type[InputError] = InputError) -> None:
         """Add the first cell where `bad` is true; ``{}`` in `what` stands for the cell, `kind` is what is raised."""
-        if bad.any():
+        count = int(bad.sum())
+        if count:
+            kind = ReadValueError if count <= FEW_CELLS * len(bad) else kind
+            what += f" (as in {count - 1} more row{'s' * (count > 2)})" if count > 1 else ""
             at = int(bad.argmax())
             value = self.raw[column].iloc[at]
             text = shown(value) if isinstance(value, str) else f"{value:.10g}"
@@ -116,11 +121,14 @@ def read_part(table: Table, plan: Plan, machine: Machine, units: SurveyUnits, me
     raw = raw.rename(columns={theirs: our for our, theirs in ours.items()})[list(ours)]
     empty = np.logical_and.reduce([_is_empty(raw[name]) for name in raw])
     if empty.any():  # spreadsheets often add empty rows at the end
+        between = np.flatnonzero(empty & (np.arange(len(raw)) < len(raw) - np.argmin(empty[::-1])))
+        if len(between):
+            notes = (*notes, f"nothing in {spoken((raw.index[between] + 1).tolist())}: left out")
         raw = raw[~empty]
     if raw.empty:
         raise NoRowsError(table.name)
 
-    offences = _Offences(table, plan, raw)
+    offences = _Offences(table, plan, raw, frozenset(name for j in machine.joints for name in j.columns))
     values = {name: _numbers(offences, name) for name in plan.numbers}
     dated = "time" in values and values["time"][1]
     if dated:
@@ -178,8 +186,8 @@ def _numbers(offences: _Offences, name: str) -> tuple[Array, bool]:
             dated = bool(no_date.sum() < bad.sum())
             if dated:
                 values, bad = seconds, no_date
-        empty = "leave the cell empty if there is no value"
-        found, cure = "{} is not a number", f"Write a number; {empty}"
+        rest = "leave the row out" if name in offences.commands else "leave the cell empty if there is no value"
+        found, cure = "{} is not a number", f"Correct this cell: write a number, or {rest}"
         if name == "time":  # every row has one, or none
             found, cure = "{}", "Write seconds, or dates such as 2024-03-12T10:00:00"
         offences.add(name, bad, found, cure)
@@ -206,7 +214,8 @@ def _check_commands(offences: _Offences, frame: pd.DataFrame, joint: NDArray[np.
         for name in (j.name,) if j.name in frame else (drive for drive in j.drives if drive in frame):
             needed = (joint == "") | (joint == j.name)
             empty = frame[name].isna().to_numpy() & needed
-            offences.add(name, empty, "no commanded position", f"Write the position of {name} in every row")
+            cure = f"Write the position of {name} in every row, or leave the row out"
+            offences.add(name, empty, "no commanded position", cure)
     joints = {name for own in machine_columns(machine) for name in (own, first_pose(own))}
     for name in (n for n in offences.plan.numbers if n in LENGTH_COLUMNS or n in joints):
         far = np.abs(frame[name].to_numpy()) > LARGEST_READING

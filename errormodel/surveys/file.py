@@ -127,7 +127,9 @@ class FileEntry(RawEntry):
     def _raw(self) -> FileEntry:
         own = self.model_fields_set - {"path", "role", "format"}
         if own and not self.format:
-            raise ValueError(f"Write format: beside {min(own)}:, or columns: and units: of the whole survey")
+            key = min(own)
+            rest = f", or {key}: of the whole survey" if key in SurveyForm.model_fields else ""
+            raise ValueError(f"Write format: beside {key}:, as errormodel import writes it{rest}")
         if self.commands is not None and not self.pairs:
             raise ValueError("Write pairs: beside commands:, the file that says which rows belong together")
         return self
@@ -247,6 +249,11 @@ def read_form(path: Path) -> tuple[SurveyForm, Document, Path]:
         path = path / SURVEY_FILE if (path / SURVEY_FILE).is_file() else path
     if path.suffix.lower() in (".yaml", ".yml"):
         document = load(path)
-        return validate(document, SurveyForm), document, path.parent
+        form = validate(document, SurveyForm)
+        for key in ("columns", "units"):
+            if document.data.get(key) and all(entry.format for entry in form.files):
+                found = "which no file reads: all have format:, and columns and units of their own"
+                raise document.error((key,), found, f"Write {key}: beside path: in files:, or leave out format: there")
+        return form, document, path.parent
     bare = SurveyForm.model_construct(errormodel=1, files=[FileEntry(path=str(path))])  # nothing to validate
     return bare, Document(str(path), {}, {(): 1}), Path()

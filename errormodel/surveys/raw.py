@@ -35,6 +35,7 @@ from errormodel.surveys.columns import (
     unit_of_column,
 )
 from errormodel.surveys.file import FileEntry, LogEntry, RawEntry, SurveyUnits
+from errormodel.surveys.logs import Log, with_logs
 from errormodel.surveys.means import averaged
 from errormodel.surveys.pairs import PairTable, read_pairs
 from errormodel.surveys.side_by_side import one_below_the_other, reading_of
@@ -225,7 +226,12 @@ def _converted(entry: RawEntry, machine: Machine, name: str, column: Any, unit: 
     return np.degrees(values) if usual == "deg" else values
 
 
-def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[LogEntry]) -> RawTable:
+def open_logs(entries: Sequence[LogEntry], folder: Path, machine: Machine) -> list[Log]:
+    """The logs of a ``survey.yaml``, each beside its entry."""
+    return [(entry, mapped(entry, folder, machine)) for entry in entries]
+
+
+def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[Log]) -> RawTable:
     """The table of a survey that an entry of ``survey.yaml`` makes of raw files."""
     commands = None
     pairs = read_pairs(folder / entry.pairs, entry.pairs) if entry.pairs else None
@@ -235,7 +241,6 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
     if entry.commands is not None and pairs is not None:
         commands = mapped(entry.commands, folder, machine)
         pairs.check_commands(len(commands.frame), entry.commands.path)
-    read = [mapped(log, folder, machine) for log in logs]
     table, lines = joined(
         measured, commands, pairs, {n: t.point for n, t in entry.targets.items()}, machine, entry.path
     )
@@ -243,10 +248,9 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
         table = in_reference(table, machine, entry.path)
     if entry.observation:
         table[OBSERVATION] = entry.observation
-    for log, recording in zip(logs, read, strict=True):
-        table = with_log(table, measured.dated, recording, log, entry.path)
-    said = bool(entry.sha256)  # an import that took the file in said how it was read
-    notes = () if said else (*measured.notes, *(n for r in (commands, *read) if r is not None for n in r.notes))
+    table, more = with_logs(table, measured.dated, logs, entry.path)
+    read = () if entry.sha256 else (measured, commands, *(recording for _, recording in logs))
+    notes = (*(n for r in read if r is not None for n in r.notes), *more)  # an import said how it read its files
     units = {n: u for r in (commands, measured) if r is not None for n, u in r.units.items() if u and n in table}
     own = as_table(table, measured.dated, entry.path, lines, machine)
     read_as = {} if commands is None else {n: r._replace(option="--command-units") for n, r in commands.read_as.items()}
@@ -325,53 +329,6 @@ def _with_tools(frame: pd.DataFrame, targets: Mapping[str, Sequence[float]], nam
     for k, column in enumerate(TOOL_COLUMNS):
         frame[column] = points[:, k]
     return frame
-
-
-def with_log(table: pd.DataFrame, dated: bool, recording: Recording, log: LogEntry, name: str) -> pd.DataFrame:
-    """Rows with the channels of a log, linear between its readings; empty outside them.
-
-    Raises
-    ------
-    InputError
-        One of the two has no time, or they do not overlap.
-    """
-    for frame, of in ((table, name), (recording.frame, log.path)):
-        if "time" not in frame or frame["time"].isna().all():
-            raise InputError(of, "no time, by which a log is joined", "Say columns: {time: ..}, or leave the log out")
-    if dated != recording.dated and not log.offset:
-        found = f"{log.path if recording.dated else name} has dates, {name if recording.dated else log.path} seconds"
-        raise InputError(log.path, found, _add(table["time"], recording.frame["time"]))
-    when = table["time"].to_numpy(dtype=np.float64)
-    clock = recording.frame["time"].to_numpy(dtype=np.float64) + log.offset
-    channels = [str(c) for c in recording.frame if str(c).startswith(("T_", "w_")) or c in ("feed", "load")]
-    if not channels:
-        raise InputError(log.path, "no channels", "Say columns: {T_bed: ..}, for each sensor")
-    inside = (when >= np.nanmin(clock)) & (when <= np.nanmax(clock))
-    if not inside.any():
-        found = f"it runs from {_moment(np.nanmin(clock), dated)} to {_moment(np.nanmax(clock), dated)}, "
-        found += f"the measurements from {_moment(np.nanmin(when), dated)} to {_moment(np.nanmax(when), dated)}"
-        raise InputError(log.path, found, _add(table["time"], recording.frame["time"]))
-    out = table.copy()
-    for channel in channels:
-        values = recording.frame[channel].to_numpy(dtype=np.float64)
-        good = np.isfinite(values) & np.isfinite(clock)
-        order = np.argsort(clock[good], kind="stable")
-        if good.any():
-            out[channel] = np.where(inside, np.interp(when, clock[good][order], values[good][order]), np.nan)
-    return out
-
-
-def _add(when: pd.Series[Any], clock: pd.Series[Any]) -> str:
-    """What to write so that the times of a log are those of the measurements."""
-    together = float(np.nanmin(when) - np.nanmin(clock))
-    return (
-        "Say what to add to its times: offset: (s) in survey.yaml, or --log-offset; "
-        f"{together:.10g} lays its first row on the first measurement"
-    )
-
-
-def _moment(seconds: float, dated: bool) -> str:
-    return str(np.datetime64(round(seconds), "s")) if dated else f"{seconds:.10g} s"
 
 
 def as_table(frame: pd.DataFrame, dated: bool, name: str, lines: tuple[int, ...], machine: Machine) -> RawTable:

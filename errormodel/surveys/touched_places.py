@@ -8,11 +8,12 @@ and the difference of the indicated ones from these in what was measured. The ga
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Array, Index, rotation_matrix
+from errormodel.arrays import Array, Index, Mask, rotation_matrix
 from errormodel.machine import Machine, Vector
 from errormodel.surveys.columns import MEASURED
 from errormodel.surveys.diameters import cross_slides, looks_like_diameters
@@ -64,21 +65,39 @@ def with_nominal_commands(
     return new, [note]
 
 
+def touched_again(table: pd.DataFrame, machine: Machine, frame: Frame) -> Mask:
+    """Rows (n,) of places that were measured again and again at other commands, as a ball in many poses is.
+
+    Most places are so; where an instrument had stopped, one of many is.
+    """
+    out = np.zeros(len(table), dtype=bool)
+    joints = [j.name for j in machine.joints]
+    for places in _of_frames(table, joints, frame):
+        if np.median([len(table.iloc[rows][joints].drop_duplicates()) for rows in places]) >= FEWEST:
+            for rows in places:
+                out[rows] = True
+    return out
+
+
 def _repeated(table: pd.DataFrame, machine: Machine, frame: Frame) -> list[Index]:
     """Rows of each measured point that comes several times, at several positions of the linear joints."""
     linear = [j.name for j in machine.joints if j.type == "prismatic"]
     if len(linear) < 3:
         return []
+    of_place = (rows for places in _of_frames(table, linear, frame) for rows in places)
+    return [rows for rows in of_place if (table.iloc[rows][linear].nunique() > 1).any()]
+
+
+def _of_frames(table: pd.DataFrame, joints: list[str], frame: Frame) -> Iterator[list[Index]]:
+    """The rows of each measured point, where one stands for `FEWEST` rows on average, by measuring frame."""
     frames = {"per-run": "run", "per-file": "file"}.get(frame)
-    seen = np.flatnonzero(table[list(MEASURED)].notna().all(axis=1).to_numpy() & table[linear].notna().all(axis=1))
+    seen = np.flatnonzero(table[list(MEASURED)].notna().all(axis=1).to_numpy() & table[joints].notna().all(axis=1))
     labels = table[frames].to_numpy(dtype=object)[seen] if frames else np.full(len(seen), "", dtype=object)
-    of_place = list[Index]()
     for label in dict.fromkeys(labels):
         own = seen[labels == label]
         places = [own[g] for g in table.iloc[own].groupby(list(MEASURED), sort=False).indices.values()]
         if len(own) >= FEWEST * len(places):  # else some reading was repeated, as by an instrument that had stopped
-            of_place += [rows for rows in places if (table.iloc[rows][linear].nunique() > 1).any()]
-    return of_place
+            yield places
 
 
 def _nominal(
@@ -91,13 +110,16 @@ def _nominal(
     frames = {"per-run": "run", "per-file": "file"}.get(frame)
     chain, new, count, largest = Chain(machine), table.copy(), 0, 0.0
     nominal = np.full((len(table), 3), np.nan)
-    touched = dict[object, list[Index]]()
+    touched, mistaken = dict[object, list[Index]](), set[object]()
     for rows in of_place:
+        label = table[frames].iloc[rows[0]] if frames else ""
         nominal[rows] = _points(chain, table.iloc[rows])
         off = np.linalg.norm(nominal[rows] - np.median(nominal[rows], axis=0), axis=1)
         if np.median(off) <= NEAR_MM and off.max() > LEAST_MM:
-            touched.setdefault(table[frames].iloc[rows[0]] if frames else "", []).append(rows)
-    for places in touched.values():
+            touched.setdefault(label, []).append(rows)
+        elif np.median(off) > NEAR_MM and len(rows) >= FEWEST:
+            mistaken.add(label)  # what is wrong with one place is wrong with all, though some lie where it is small
+    for places in (own for label, own in touched.items() if label not in mistaken):
         middles = np.array([np.median(nominal[rows], axis=0) for rows in places])
         measured = table[list(MEASURED)].to_numpy(dtype=np.float64)
         turn = _turn(middles, measured[[rows[0] for rows in places]], rotation)

@@ -262,6 +262,8 @@ def _cure(blunder: Blunder, machine: Machine) -> str:
     text = blunder.text
     if blunder.open:
         return f"{blunder.check[0].upper()}{blunder.check[1:]}"
+    if blunder.driver and not blunder.changes:  # a column, in which rows are wrong that --columns does not reach
+        return f"{blunder.cure[0].upper()}{blunder.cure[1:]}"
     if "too late" in text or "too early" in text or "another order" in text:
         return CURE
     if "frame" in text:

@@ -40,5 +40,9 @@ def with_hint(survey: AnySurvey, machine: Machine) -> Iterator[None]:
             raise error from None
         what = f"{kind.title}, {len(recording.frame)} rows of {', '.join(map(str, recording.frame))}"
         found = f"{error.found}. As a raw file it is {what}"
-        cure = f"Take it in with: errormodel import {path.name} --machine .. --commands .. --out survey"
+        named = {*recording.frame}
+        whole = all({j.name} <= named or ({*j.drives} and {*j.drives} <= named) for j in machine.joints)
+        command = f"errormodel import {path.name} --machine .. {'' if whole else '--commands .. '}--out survey"
+        # of a table with its commands the error may be all that is wrong
+        cure = f"{error.cure}; or take it in with: {command}" if whole else f"Take it in with: {command}"
         raise InputError(error.where, found, cure) from error

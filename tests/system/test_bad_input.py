@@ -63,7 +63,7 @@ TABLES: dict[str, tuple[Content, tuple[str, ...]]] = {
     "joint in lower case": (header("Y", "y"), ("the nearest is 'y'", 'columns: {Y: "y"}')),
     "joint twice": (header("Y", "X"), ("s.csv, header", "'X' stands above columns 1 and 2", "of its own")),
     "text in a number": (cell("mx", "abc"), ("s.csv, row 3 (line 4), column mx", "'abc' is not a number", "leave")),
-    "formula in a number": (cell("Y", "=1+1"), ("row 3 (line 4), column Y", "'=1+1'", "Write a number")),
+    "formula in a number": (cell("Y", "=1+1"), ("row 3 (line 4), column Y", "'=1+1'", "write a number")),
     "NaN as a command": (cell("X", "NaN"), ("row 3", "column X", "no commanded position", "Write the position")),
     "empty command": (cell("X", ""), ("row 3", "column X", "no commanded position")),
     "infinite": (cell("mz", "-inf"), ("row 3", "column mz", "-inf", "finite")),

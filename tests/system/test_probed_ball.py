@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +14,11 @@ import pytest
 import yaml
 
 from errormodel.chain import Chain
+from errormodel.exceptions import InputError
 from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
+from identification import fit
+from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
 from identification.importing.exchanged_rows import FEWEST_PROVED
 from identification.importing.text import _places
@@ -133,12 +137,57 @@ def test_the_same_reading_in_another_frame_is_no_copy() -> None:
     """As the place of a ball is that each run has as its zero."""
     machine = read_machine(yaml.safe_load(WITH_SCALES))
     survey = read_survey(r_test([BALL, (-40.0, 60.0, 80.0), (10.0, -70.0, 120.0)], rows=90), machine)
-    table = survey.table.assign(mx=0.0, my=0.0, mz=0.0, run=np.arange(90) % 3).sort_values("run", ignore_index=True)
+    again = np.arange(90) // 3  # each reading stands in every run
+    table = survey.table.assign(mx=1.0 * again, my=0.0, mz=0.0, run=np.arange(90) % 3)
+    table = table.sort_values("run", ignore_index=True)
     copies = copied_rows(Chain(machine), replace(survey, table=table, frame="shared"))
     assert copies is not None
     assert copies.rows is not None
     assert len(copies.rows) > 50
     assert copied_rows(Chain(machine), replace(survey, table=table, frame="per-run")) is None
+
+
+BALLS = [BALL, (-40.0, 60.0, 80.0), (10.0, -70.0, 120.0)]
+MISTAKES = {
+    "the sign of column A is wrong": lambda t: t.assign(A=-t["A"]),
+    "column A is in another unit: it must be multiplied by 57.2958": lambda t: t.assign(A=np.radians(t["A"])),
+    "columns Y and X are swapped": lambda t: t.assign(X=t["Y"], Y=t["X"]),
+    "column Z has another zero": lambda t: t.assign(Z=t["Z"] + 2.0),
+    "column A stands 1 row too late beside the other columns": lambda t: t.assign(A=t["A"].shift(1, fill_value=0)),
+    "column C stands 2 rows too early beside the other columns": lambda t: t.assign(C=t["C"].shift(-2, fill_value=0)),
+}
+
+
+@pytest.mark.parametrize("said", MISTAKES)
+def test_a_mistake_in_commands_makes_no_copies_of_balls(said: str) -> None:
+    """The same values are measured in many rows by design; with the mistake put right the rows are known as such."""
+    machine = read_machine(yaml.safe_load(WITH_SCALES))
+    survey = read_survey(MISTAKES[said](probed(BALLS)), machine)
+    assert not survey.indicated
+    (found,) = find_blunders(machine, survey)
+    assert found.text.startswith(said)
+    assert found.survey.indicated
+    with pytest.raises(InputError, match=re.escape(said)):
+        fit(machine, survey)
+
+
+def test_balls_of_other_commands_are_no_copies_either() -> None:
+    machine = read_machine(yaml.safe_load(WITH_SCALES))
+    table = probed(BALLS)
+    rng = np.random.default_rng(0)
+    survey = read_survey(table.assign(A=rng.permutation(table["A"]), C=rng.permutation(table["C"])), machine)
+    with pytest.raises(InputError, match=r"are 3 places, read in 90 rows, and the nominal points .* If balls were"):
+        find_blunders(machine, survey)
+
+
+def test_an_instrument_that_stopped_made_copies() -> None:
+    machine = read_machine(yaml.safe_load(WITH_SCALES))
+    table = r_test(BALLS, rows=90)
+    table.loc[20:, XYZ] = table.loc[20, XYZ].to_numpy()
+    copies = copied_rows(Chain(machine), read_survey(table, machine))
+    assert copies is not None
+    assert copies.rows is not None
+    assert len(copies.rows) == 69
 
 
 def test_places_are_counted_as_places() -> None:

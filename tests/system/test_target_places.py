@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -141,6 +142,13 @@ def test_a_target_that_says_two_things_is_refused(tmp_path: Path, target: str, c
         fit(ARM, survey(tmp_path / "s", f"{{T1: {target}, T2: [0, 0, 1], T3: [0, 0, 2]}}"))
 
 
+def test_targets_of_a_file_without_format_say_what_to_write(tmp_path: Path) -> None:
+    path = survey(tmp_path / "s", listed("{}")) / "survey.yaml"
+    path.write_text(path.read_text().replace("    format: delimited-table\n", ""))
+    with pytest.raises(InputError, match=r"Write format: beside targets:, as errormodel import writes it$"):
+        fit(ARM, path)
+
+
 def as_written(k: int, place: Array) -> tuple[pd.DataFrame, Array]:
     """Points of three targets, of which the k-th is written at `place`."""
     table = measured(poses(60, 1), STATED, NOISE).drop(columns="target")
@@ -167,9 +175,26 @@ def test_rows_of_a_target_that_is_written_elsewhere_are_refused(
     assert np.abs(np.array(shown) - true).max() < 2
 
 
-def test_two_targets_under_each_others_names_are_refused(tmp_path: Path) -> None:
-    table = measured(poses(60, 1), STATED, NOISE).drop(columns="target")
-    table[["tool_x", "tool_y", "tool_z"]] = np.tile(STATED[[0, 2, 1]], (60, 1))
+@pytest.mark.parametrize("look", [fit, diagnose])
+@pytest.mark.parametrize(("count", "order"), [(3, [0, 2, 1]), (2, [1, 0])])
+def test_two_targets_under_each_others_names_are_refused(
+    tmp_path: Path, look: Callable[..., object], count: int, order: list[int]
+) -> None:
+    """Of two, all rows are wrong: the sign of a column had been blamed, which left a tenth of the misfit."""
+    table = measured(poses(60, 1), STATED[:count], NOISE).drop(columns="target")
+    table[["tool_x", "tool_y", "tool_z"]] = np.tile(STATED[order], (60, 1))
     table.to_csv(tmp_path / "points.csv", index=False)
-    with pytest.raises(InputError, match=r"is written in other rows.*is written in other rows.* other 60 rows fit"):
+    with pytest.raises(
+        InputError, match=r"the targets at \(.*\) and \(.*\) are exchanged: .* misses by .* mm, with .* um"
+    ):
+        look(ARM, tmp_path / "points.csv")
+
+
+def test_a_change_that_leaves_far_more_than_errors_of_a_machine_is_no_cure(tmp_path: Path) -> None:
+    """A place with two wrong digits: the nearest change of a column leaves centimetres."""
+    places = np.array([[60.0, 20.0, 95.0], [-70.0, 30.0, 95.0]])
+    table = measured(poses(60, 1), places, NOISE).drop(columns="target")
+    table[["tool_x", "tool_y", "tool_z"]] = np.tile([[-75.0, 30.0, 85.0], [55.0, 40.0, 75.0]], (60, 1))
+    table.to_csv(tmp_path / "points.csv", index=False)
+    with pytest.raises(InputError, match=r"no usual mistake in a column explains it: the nearest \(.*\) leaves .* mm"):
         diagnose(ARM, tmp_path / "points.csv")

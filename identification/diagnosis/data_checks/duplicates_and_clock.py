@@ -14,6 +14,7 @@ from errormodel.effects.clock_offset import ClockOffset
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS
+from errormodel.surveys.touched_places import touched_again
 from identification.diagnosis.data_checks.blunder import Blunder, groups, listed
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.observation.assembly import frame_labels
@@ -33,8 +34,10 @@ def copied_rows(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> 
     """Rows whose measured point is an earlier row's to the last digit, though noise would not have it so; left out.
 
     Whole rows with a time of their own are copies in any case, and so is a point read again at another place (the
-    instrument had stopped); in another frame it is another point. Repeats of a pose may agree by chance where readings
-    are coarse, and without noise do: where hardly any differ, by the noise that a fit without them finds.
+    instrument had stopped); in another frame it is another point. Where most points are read again and again, they are
+    the places of what was touched, whose rows differ by their commands: a mistake there makes no copies. Repeats of a
+    pose may agree by chance where readings are coarse, and without noise do: where hardly any differ, by the noise that
+    a fit without them finds.
     """
     table, rows = survey.table, np.sort(np.concatenate([np.zeros(0, np.intp), *groups(survey)]))
     if len(rows) < 2:
@@ -52,8 +55,9 @@ def copied_rows(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> 
     elsewhere = np.linalg.norm(points - points[earlier], axis=1) > MACHINE_ERROR_SHARE * chain.size
     timed = "time" in part and part["time"].nunique() > len(part) / 4
     whole = part.drop(columns=["row", "file"]).duplicated().to_numpy() & timed
-    bad = again & (elsewhere | whole)
-    repeats = again & ~bad
+    touched = touched_again(table, chain.machine, survey.frame)[rows]
+    bad = again & (elsewhere & ~touched | whole)
+    repeats = again & ~bad & ~touched
     if repeats.any():
         rest = replace(survey, table=_without(table, rows[bad | repeats]))
         pose = part.groupby(_commands(chain), sort=False).ngroup().to_numpy()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +18,8 @@ from errormodel.conventions import FRAME, INSTRUMENT
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED, ORIENTATION, TOOL_COLUMNS
-from identification.diagnosis.data_checks.blunder import Blunder, Points, Sheet, groups, sheet
+from identification.diagnosis.data_checks.blunder import Blunder, Points, Sheet, groups, length, sheet
+from identification.diagnosis.data_checks.columns import ALIKE as ALIKE_FITS
 from identification.diagnosis.data_checks.columns import Changes, mended, single_changes
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.observation.frames import MACHINE_ERROR_SHARE
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FEWEST = 16  # rows of a file, to say anything
+MOST_TARGETS = 8  # of which each two are tried in each other's place
 FEWEST_OF_TARGET = 4  # rows, to say where their target or their frame is
 ORIGIN_AND_AXES = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 FAR = 8.0  # times the others' distance
@@ -78,6 +81,7 @@ def refuse_other_targets(chain: Chain, survey: Survey) -> None:
         columns = sheet(chain, survey.table.iloc[rows])
         part = _Part(chain, survey, Points.of(chain, columns, survey.frame == "fixed"), rows)
         if part.seen.sum() >= FEWEST and np.isfinite(part.points.nominal).all():
+            part.refuse_exchanged_targets(columns)
             part.refuse_other_targets(columns)
 
 
@@ -123,6 +127,38 @@ class _Part:
         if found is None:
             self._refuse_other_frame(pose, off, near)
         return found
+
+    def refuse_exchanged_targets(self, columns: Sheet) -> None:
+        """InputError where two targets that stand for each other in all rows explain what no single column does."""
+        if not {*TOOL_COLUMNS} <= {*columns}:
+            return
+        places, target = np.unique(np.column_stack([columns[n] for n in TOOL_COLUMNS]), axis=0, return_inverse=True)
+        before = self.points.shifted(0).misfit() if 1 < len(places) <= MOST_TARGETS else 0.0
+        if before < self.plausible:
+            return
+        tries = list[tuple[float, int, int]]()
+        for one, other in combinations(range(len(places)), 2):
+            exchanged = np.arange(len(places))
+            exchanged[[one, other]] = other, one
+            tries.append(
+                (self._misfit(columns, dict(zip(TOOL_COLUMNS, places[exchanged][target].T, strict=True))), one, other)
+            )
+        after, one, other = min(tries)
+        if after > min(before / BETTER, self.plausible):
+            return
+        single = (mended(columns, changes) for changes in single_changes(self.chain.machine))
+        if min(self._misfit(columns, changed) for changed in single) < ALIKE_FITS * after:
+            return  # which can be put right
+        where = f"{self.survey.table['file'].iloc[self.rows[0]]}, columns {' '.join(TOOL_COLUMNS)}"
+        sizes = length(1e3 * before), length(1e3 * after)
+        found = (
+            f"the targets at {_spot(places[one])} and {_spot(places[other])} are exchanged: the nominal machine misses "
+        )
+        found += "by {}, with each in the other's place by {} (four of five rows stay within)".format(*sizes)
+        raise InputError(where, found, "Write the place of each under the name of the other (targets:), or in its rows")
+
+    def _misfit(self, columns: Sheet, changed: Sheet) -> float:
+        return Points.of(self.chain, columns | changed, self.points.fixed).measured_whole.misfit()
 
     def refuse_other_targets(self, columns: Sheet) -> None:
         written = np.column_stack([columns[name] for name in TOOL_COLUMNS if name in columns])

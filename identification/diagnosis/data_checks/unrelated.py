@@ -16,6 +16,7 @@ from errormodel.machine import Joint, Machine
 from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED
+from errormodel.surveys.touched_places import touched_again
 from identification.diagnosis.data_checks.blunder import Points, Sheet, groups, length, sheet
 from identification.diagnosis.data_checks.columns import (
     BETTER,
@@ -116,6 +117,16 @@ def refuse_unrelated(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED
                 f"within {points.spread:.4g} mm"
             )
             cure = f"{OWN_COMMAND}, and that this is the machine"
+        elif touched_again(survey.table, chain.machine, survey.frame)[rows].all():
+            places = len(np.unique(points.measured, axis=0))
+            what = (
+                f"the measured points are {places} places, read in {len(rows)} rows, and the nominal points of the "
+                f"commands lie {found:.0f} mm beside them"
+            )
+            cure = (
+                "If balls were probed, look at the sign, the zero and the unit of each joint's column, and see that "
+                "each row holds one command and its own ball; else the instrument had stopped"
+            )
         else:
             what = (
                 f"measured points that have nothing to do with the commands: the best frame leaves {found:.0f} mm, "
@@ -187,7 +198,8 @@ def _one_place(chain: Chain, survey: Survey, columns: Sheet, points: Points) -> 
         return what, f"If one ball was measured, {one}: with that alone put right the nominal points coincide"
     return what, (
         "If one ball was measured, look at the sign, the zero and the unit of each joint's column. If the columns hold "
-        "deviations from the commanded points, write the points that were measured"
+        "deviations from the commanded points, write the points that were measured. If neither, the instrument had "
+        "stopped"
     )
 
 

@@ -70,12 +70,20 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             DATA, RATIO, "Points in a plane are left-handed where declared errors explain their mirror image.",
             _in("data_checks.declared_errors", "CLEAR", "CLEARLY"),
         ),
+        "late-column": Rule(
+            DATA, RATIO, "Commands of some joints that fit a few rows further on are taken from there.",
+            _in(_ROWS, "BETTER") + _in(_COLUMNS, "TWO", "ALIKE"),
+        ),
         "rows-elsewhere": Rule(
             DATA, COUNT, "Rows that fit in another order, run or column are put there.",
             _in(_ROWS, "FAR", "NEAR", "MOST", "CLEARLY", "BETTER", "REST", "LATEST"),
         ),
         "most-mistakes": Rule(
             DATA, COUNT, "No more mistakes than this are put right.", _in("data_checks.checks", "MOST_BLUNDERS")
+        ),
+        "no-cure": Rule(
+            DATA, "um", "Changes of columns that leave far more than a machine's errors are no cure, and are refused.",
+            _in(_COLUMNS, "TWO") + _in(_ROWS, "BETTER"),
         ),
         "unrelated-points": Rule(
             DATA, RATIO, "Measured points that fit their commands no better than those of any other row are refused.",
