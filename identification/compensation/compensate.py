@@ -43,7 +43,7 @@ from identification.compensation.reduction import aligned, leftover, reduce
 from identification.compensation.result import Compensation, Own, Stated
 from identification.compensation.reversal import reversals
 from identification.compensation.reversal_effects import reversal_errors
-from identification.compensation.rotary_axes import described, rotary_axes
+from identification.compensation.rotary_axes import described, other_states, rotary_axes
 from identification.compensation.rows import Rows, held_out, joints_read, read_rows, taken_up
 from identification.compensation.seams import seams
 from identification.compensation.volume import Volume, levels
@@ -131,7 +131,12 @@ def compensate(
         volume = volume.counted_from(middle, every=several_zeros(fit.values, read))
     with progress("Following the errors along each axis"):
         setup, notes = volume.planned.setup(points, resolution, axes)
-    rotary = rotary_axes(controller, volume, setup, seed, kinematics, fit, allow_large) if read is None else None
+    loose = sorted({c for c in channels if c not in states[0] and c.startswith(UNTABULATED_PREFIXES)})
+    rotary = None
+    if read is None:
+        state = {**middle, **{c: field.state[c] for c in loose if c in field.state}}
+        beside = other_states(field, table, states, loose)
+        rotary = rotary_axes(controller, volume.at(middle), setup, seed, kinematics, fit, allow_large, state, beside)
     plain = volume
     if rotary is not None and kinematics:
         field = described(field, setup, rotary.lines)
@@ -170,13 +175,13 @@ def compensate(
     if isinstance(controller, Controller) and sets[0].tables:
         tests = check_of(controller, setup, sets[0].tables)
     usual = sets[len(sets) // 2]
-    loose = sorted({c for c in channels if c not in states[0] and c.startswith(UNTABULATED_PREFIXES)})
     follows = is_rows(source[0]) and not isinstance(controller, Controller)
     correct: Correct = (volume if follows else volume.planned).ideal
     if isinstance(controller, Controller):
         correct = emulated(controller, usual.tables, setup, volume)
     said = state_lines(volume.at(usual.state), table, loose, correct, seed)
     if rotary is not None and kinematics and isinstance(controller, Controller):
+        plain = plain.at(usual.state)
         bare = left(plain, emulated(controller, usual.tables, setup, plain), seed).rms_um
         rotary = replace(rotary, tables_alone_um=bare)
     found = findings_of(folder)
