@@ -207,7 +207,12 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         findings.append(outlier_finding(bad, mended.survey, found.final))
     dependence = no_larger(dependence, final)
     verdict = judge(final, bool(findings), dependence, log)
-    final = replace(final, systematic_mm=1e-3 * verdict.systematic_um, expansions=open_expansions(model.linear, final))
+    final = replace(
+        final,
+        systematic_mm=1e-3 * verdict.systematic_um,
+        systematic_by=verdict.systematic_by,
+        expansions=open_expansions(model.linear, final),
+    )
     baseline = next((b for b in fits if b is not None), mended)
     diagnosis = Diagnosis(
         verdict.word,
