@@ -33,7 +33,7 @@ from identification.compensation.conditions import (
 )
 from identification.compensation.coordinates import Coordinates
 from identification.compensation.designs import Designs
-from identification.compensation.field import Field
+from identification.compensation.field import Field, other_states
 from identification.compensation.findings import changed_columns, findings_of, outside
 from identification.compensation.model_uncertainty import against_model, following, judged
 from identification.compensation.notes import first_lines, survey_notes
@@ -43,7 +43,7 @@ from identification.compensation.reduction import aligned, leftover, reduce
 from identification.compensation.result import Compensation, Own, Stated
 from identification.compensation.reversal import reversals
 from identification.compensation.reversal_effects import reversal_errors
-from identification.compensation.rotary_axes import described, other_states, rotary_axes
+from identification.compensation.rotary_axes import described, rotary_axes
 from identification.compensation.rows import Rows, held_out, joints_read, read_rows, taken_up
 from identification.compensation.seams import seams
 from identification.compensation.volume import Volume, levels
@@ -57,7 +57,6 @@ EXACT_LATTICE_VALUES = 1600  # values of a lattice over all axes: larger ones ta
 TABLES_PER_SAMPLE, MOST_SAMPLES = 30, 8  # that ratio is at most MOST_SAMPLES: few tables are cheap; by judgement
 SUFFICIENT_SHARE = 0.03  # of the largest error: a structure that leaves less is accepted at once; by judgement
 RICHER_SHARE = 0.9  # of the plainer structure's largest error: a richer one must leave less; by judgement
-UNTABULATED_PREFIXES = ("time", "w_", "feed", "load", "T_")  # channels that no table has as an input
 
 
 def compensate(
@@ -131,10 +130,10 @@ def compensate(
         volume = volume.counted_from(middle, every=several_zeros(fit.values, read))
     with progress("Following the errors along each axis"):
         setup, notes = volume.planned.setup(points, resolution, axes)
-    loose = sorted({c for c in channels if c not in states[0] and c.startswith(UNTABULATED_PREFIXES)})
+    loose = [c for c in field.conditions if c not in states[0]]
     rotary = None
     if read is None:
-        state = {**middle, **{c: field.state[c] for c in loose if c in field.state}}
+        state = {**middle, **{c: field.state[c] for c in loose}}
         beside = other_states(field, table, states, loose)
         rotary = rotary_axes(controller, volume.at(middle), setup, seed, kinematics, fit, allow_large, state, beside)
     plain = volume

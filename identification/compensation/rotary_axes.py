@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,9 +31,6 @@ from identification.compensation.sample import frame_motion
 from identification.compensation.volume import Volume
 from identification.observation.stated_tip import tip_is_stated
 from identification.results.stored_fit import StoredFit
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 POSES = 1024  # of the least squares; a power of two, for Sobol points
 LEAST_STD = 1e-6  # mm, a hundredth of the last digit that is written: what moves an axis by less is not named
@@ -132,22 +128,6 @@ def _side(field: Field, k: int) -> str:
     """Whether a rotary joint carries the workpiece, or the tool: by its place among the linear joints of the chain."""
     linear = [i for i in range(len(field.joints)) if not field.rotary[i]]
     return "table" if not linear or k < min(linear) else "head" if k > max(linear) else ""
-
-
-def other_states(
-    field: Field, table: pd.DataFrame, states: Sequence[Mapping[str, float]], loose: Sequence[str]
-) -> list[Mapping[str, float]]:
-    """States beside the middle one of `states`: the others of them, and the ends that each of the channels `loose` had.
-
-    `loose`: channels of the model that no table follows; `table`: the rows of the survey.
-    """
-    middle = len(states) // 2
-    out = [state for k, state in enumerate(states) if k != middle]
-    for name in loose:
-        recorded = table[name].dropna().to_numpy(dtype=np.float64) if name in table else np.zeros(0)
-        ends = sorted({float(v) for v in (recorded.min(), recorded.max())}) if len(recorded) else []
-        out += [{**states[middle], name: end} for end in ends if end != field.state.get(name)]
-    return out
 
 
 def rotary_axes(
