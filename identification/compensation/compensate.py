@@ -29,6 +29,7 @@ from identification.compensation.conditions import (
     check_errors,
     check_size,
     conditions_of,
+    quantity,
     state_lines,
 )
 from identification.compensation.coordinates import Coordinates
@@ -316,7 +317,8 @@ def _rewritten(
             direction = np.hstack([direction, taken_up(field.chain, path)])
         return field.outward(ideal(inner, direction))
 
-    done = rewriter.rewrite(name, text, setup, correct, reading)
+    conditions = {name: quantity(name, value) for name, value in field.conditions.items()}
+    done = rewriter.rewrite(name, text, replace(setup, conditions=conditions), correct, reading)
     step, movers = 2 * rewriter.quantum(setup), list(field.movers)
 
     def rounded(q: Array, direction: Array, tool: Array | None) -> Array:
