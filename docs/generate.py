@@ -92,6 +92,9 @@ def effects() -> Iterator[str]:
             if kind.alike:
                 yield f"- Can look like: {', '.join(kind.alike)}"
             yield f"- Distinguished by this measurement: {kind.separate}"
+            if kind.asked:
+                values = " and ".join(f"{count} values of `{c}`" for c, count in kind.asked.items())
+                yield f"- Where a survey has {values}: {kind.otherwise}"
 
 
 def decision_rules() -> Iterator[str]:

@@ -2,7 +2,8 @@
 
 A programme is parsed by the strict grammar of its dialect and refused as a whole, with line and word, where anything is
 not understood or not known; see `errormodel.gcode.rewrite` for the words of corrected lines. The result is executed
-and compared with the original before it is handed over. A CSV has one column per joint, in mm and degrees.
+and compared with the original before it is handed over. A CSV has one column per joint, in mm and degrees,
+and any others beside them, which stay.
 
 Sources: RS274/NGC (NIST IR 6556) for words and modal groups, the manuals of LinuxCNC and FANUC, Marlin's documentation.
 """
@@ -15,8 +16,8 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.base import Rewriter
+from errormodel.controllers.command_table import CommandTable
 from errormodel.controllers.setup import Setup
-from errormodel.controllers.text import Lines
 from errormodel.exceptions import InputError
 from errormodel.gcode.divide import Correct
 from errormodel.gcode.programme import Corrected, Source, corrected, outside_measured
@@ -46,7 +47,7 @@ class GCode(Rewriter):
 
     def positions(self, name: str, text: str, setup: Setup, reading: Reading | None = None) -> Array:
         if name.lower().endswith(".csv"):
-            return self._table(name, text, setup)[1]
+            return CommandTable.of(name, text, setup).q
         steps = Source.of(name, text, reading or Reading()).without_cycles(setup).steps(setup)
         ends = [s.q for s in steps if s.path is not None]
         return np.vstack(ends) if ends else np.zeros((0, len(setup.axes)))
@@ -59,11 +60,11 @@ class GCode(Rewriter):
             return corrected(name, text, setup, correct, reading or Reading(), figures)
         if reading is not None:
             raise InputError(name, "a CSV of commands takes no --dialect, --offset, --at", "Leave them out")
-        head, q = self._table(name, text, setup)
-        rows = [",".join(f"{v:.{figures}f}" for v in row) for row in correct(q, _arrivals(q))]
-        outside = [k for k, row in enumerate(q, start=1) if outside_measured(row, setup)]
-        leave = f"{len(outside)} rows leave the measured region (first row {outside[0]})" if outside else ""
-        return Corrected("\n".join([",".join(head), *rows]) + "\n", (f"{name}: {leave}",) if leave else ())
+        table = CommandTable.of(name, text, setup)
+        outside = [k for k, row in enumerate(table.q, start=1) if outside_measured(row, setup)]
+        leave = [f"{len(outside)} rows leave the measured region (first row {outside[0]})"] if outside else []
+        written = table.text(correct(table.q, _arrivals(table.q)), figures)
+        return Corrected(written, tuple(f"{name}: {said}" for said in (*table.notes(setup), *leave)))
 
     def checklist(self, setup: Setup) -> list[str]:
         return [
@@ -76,19 +77,6 @@ class GCode(Rewriter):
             "switch off every compensation that was off when the survey was measured; no tool centre point control",
             "compare the programmes, and run the corrected one above the part first: positions differ by micrometres",
         ]
-
-    def _table(self, name: str, text: str, setup: Setup) -> tuple[list[str], Array]:
-        lines = Lines.of(name, text)
-        head = [w.strip() for w in lines.lines[0][1].split(",")] if lines.lines else []
-        if head != [a.joint for a in setup.axes]:
-            raise lines.error(1, f"columns {', '.join(head)}", f"Write {','.join(a.joint for a in setup.axes)}")
-        rows = [lines.numbers(k, s, len(head), ",") for k, s in lines.lines[1:]]
-        for (number, _), row in zip(lines.lines[1:], rows, strict=True):
-            for axis, value in zip(setup.axes, row, strict=True):
-                if not axis.travel[0] - 1e-6 <= value <= axis.travel[1] + 1e-6:
-                    found = f"{axis.joint} at {value:g}, beyond its travel {axis.travel[0]:g} to {axis.travel[1]:g}"
-                    raise lines.error(number, found, "Write a position that the machine reaches")
-        return head, np.array(rows, dtype=np.float64).reshape(-1, len(head))
 
 
 def _arrivals(q: Array) -> Array:

@@ -91,6 +91,7 @@ class Setup:
     aligned : whether nothing is aligned again once the tables act: the frame of the errors then does not turn.
     most_tables : number of tables that may be used at most; None: as many as the format takes.
     x_stated : how the control counts X (`errormodel.controllers.turning`), as the user says; empty: not said.
+    conditions : channels that the corrections do not follow (load, temperatures), each with its value in words.
     """
 
     machine: str
@@ -111,6 +112,7 @@ class Setup:
     aligned: bool = False
     most_tables: int | None = None
     x_stated: str = ""
+    conditions: Mapping[str, str] = field(default_factory=dict)
 
     def place(self, name: str) -> int:
         """Column of an axis in positions (n, axes)."""

@@ -24,6 +24,8 @@ class Backlash(JointEffect):
     )
     alike: ClassVar[tuple[str, ...]] = ("lost-motion", "hysteresis", "servo-lag")
     separate: ClassVar[str] = "approach the same positions from both sides at two feeds, along the whole travel"
+    asked: ClassVar[Mapping[str, int]] = {"feed": 2}
+    otherwise: ClassVar[str] = "approach the same positions from both sides, along the whole travel"
     example: ClassVar[Mapping[str, object]] = {"joint": "X"}
 
     @property

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, PositiveFloat
 
+from errormodel.arrays import Array
 from errormodel.conventions import REFERENCE_TEMPERATURE, Motion
 from errormodel.effects.families import FAMILIES, Traits
 from errormodel.effects.ops import Value
@@ -108,6 +109,8 @@ class Effect(BaseModel, ABC):
     source : where form and sizes come from.
     alike : words of effects that can look the same.
     separate : the measurement that tells it from these; findings recommend it.
+    asked : of how many values of which channels `separate` asks; `otherwise` : what findings recommend in its stead
+        where a survey has these.
     example : its keys as in ``machine.yaml``.
     empirical : whether it is a form without physics, which names nothing.
     flexible : whether it is physics that can follow any smooth curve.
@@ -125,11 +128,19 @@ class Effect(BaseModel, ABC):
     source: ClassVar[str]
     alike: ClassVar[tuple[str, ...]] = ()
     separate: ClassVar[str]
+    asked: ClassVar[Mapping[str, int]] = {}
+    otherwise: ClassVar[str] = ""
     example: ClassVar[Mapping[str, object]]
     empirical: ClassVar[bool] = False
     flexible: ClassVar[bool] = False
     shape: ClassVar[str] = ""
     cause: ClassVar[frozenset[str]] = frozenset({"sensor", "minus", "tau", "initial", "start"})
+
+    @classmethod
+    def recommended(cls, columns: Mapping[str, Array]) -> str:
+        """The measurement that tells it from what is alike, beside those of a survey with these channels."""
+        has = (c in columns and len(np.unique(columns[c])) >= count for c, count in cls.asked.items())
+        return cls.otherwise if cls.asked and all(has) else cls.separate
 
     @property
     @abstractmethod

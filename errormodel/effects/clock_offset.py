@@ -35,6 +35,8 @@ class ClockOffset(Effect):
     source: ClassVar[str] = "trigger and network delays: some 1 ms, from 0.1 to 10 ms"
     alike: ClassVar[tuple[str, ...]] = ("servo-lag", "backlash")
     separate: ClassVar[str] = "measure at rest, or over the same line in both directions at three feeds"
+    asked: ClassVar[Mapping[str, int]] = {"feed": 3}
+    otherwise: ClassVar[str] = "measure at rest, or over the same line in both directions"
     example: ClassVar[Mapping[str, object]] = {}
 
     joints: tuple[str, ...] = ()

@@ -31,6 +31,10 @@ class JointCompliance(JointEffect):
     source: ClassVar[str] = "stiffness of arms' joints 1e4 to 1e6 N m/rad under 10 to 1000 N; 1 mrad at 1 m"
     alike: ClassVar[tuple[str, ...]] = ("eccentricity", "payload-sag", "cross-axis-compliance")
     separate: ClassVar[str] = "the same poses with two payloads, the arm stretched out and folded"
+    asked: ClassVar[Mapping[str, int]] = {"load": 2}
+    otherwise: ClassVar[str] = (
+        "a level, or a second target near the joint, while the payload is put on and taken off, the arm stretched out"
+    )
     example: ClassVar[Mapping[str, object]] = {"joint": "B", "gravity": "x"}
 
     gravity: Gravity = "-z"  # direction of gravity in the reference's axes

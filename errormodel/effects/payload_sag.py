@@ -39,6 +39,8 @@ class PayloadSag(Effect):
     source: ClassVar[str] = "stiffness of machine tools at the tool, 10 to 100 N/um, of arms 1 N/um"
     alike: ClassVar[tuple[str, ...]] = ("ram-sag", "joint-compliance", "target-offset")
     separate: ClassVar[str] = "the same positions with no load and with two loads"
+    asked: ClassVar[Mapping[str, int]] = {"load": 3}
+    otherwise: ClassVar[str] = "a level, or a second target on the member, while the loads are put on and taken off"
     example: ClassVar[Mapping[str, object]] = {"joint": "Y"}
 
     joint: str | None = None

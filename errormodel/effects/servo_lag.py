@@ -31,6 +31,8 @@ class ServoLag(JointEffect):
     )
     alike: ClassVar[tuple[str, ...]] = ("backlash", "clock-offset", "lost-motion")
     separate: ClassVar[str] = "approach the same positions at three feeds, with a short and a long dwell"
+    asked: ClassVar[Mapping[str, int]] = {"feed": 3}
+    otherwise: ClassVar[str] = "approach the same positions with a short and a long dwell"
     example: ClassVar[Mapping[str, object]] = {"joint": "X"}
 
     speed: Literal["each", "path", "clock"] = "each"

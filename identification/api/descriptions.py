@@ -68,6 +68,7 @@ def export(
     into: str | Path | None = None,
     base: str = "",
     tip: str = "",
+    load: float | None = None,
     seed: int = 0,
     progress: Progress = silent,
 ) -> ExportResult:
@@ -91,6 +92,8 @@ def export(
         The robot's own description: the text is this file with other origins of its joints, and all else as it is.
     base, tip : str
         Links of `into` between which the chain lies, as for `import_machine`.
+    load : float, optional
+        Load that the constants are for, kg. Default: the median of the survey's rows.
     seed : int
         Of the random poses.
     progress : callable
@@ -116,7 +119,7 @@ def export(
     kept = None if into is None else Path(into)
 
     def made(place: Path | Machine) -> Exported:
-        return exported(place, format, suffix, identity, kept, Part(base, tip), seed, progress)
+        return exported(place, format, suffix, identity, kept, Part(base, tip), seed, progress, load=load)
 
     if isinstance(source, Machine):
         return ExportResult(made(source))

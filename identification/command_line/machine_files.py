@@ -66,6 +66,7 @@ def machine(
 @click.option("--into", type=FILE, help="The robot's own URDF: OUT is this file with other origins of its joints.")
 @click.option("--base", default="", help="First link of the chain in --into. [default: its root]")
 @click.option("--tip", default="", help="Last link of the chain in --into. [default: its only end]")
+@click.option("--load", type=float, metavar="KG", help="Load the constants are for. [default: the survey's median]")
 def export(
     source: str,
     form: str,
@@ -74,6 +75,7 @@ def export(
     into: Path | None,
     base: str,
     tip: str,
+    load: float | None,
     seed: int,
 ) -> None:
     """Describe the calibrated machine in the folder DIR of a fit, or the nominal MACHINE, in a format of others.
@@ -94,8 +96,8 @@ def export(
         missing = "--format" if not form else "--out"
         raise InputError("export", f"{missing} is missing", "Write export DIR --format NAME --out FILE")
     result = api.export(
-        source, form, suffix=out.path.suffix.lower(), identity=identity, into=into, base=base, tip=tip, seed=seed,
-        progress=working,
+        source, form, suffix=out.path.suffix.lower(), identity=identity, into=into, base=base, tip=tip, load=load,
+        seed=seed, progress=working,
     )  # fmt: skip
     show_notes(result.notes)
     result.write(out)

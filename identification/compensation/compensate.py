@@ -29,11 +29,12 @@ from identification.compensation.conditions import (
     check_errors,
     check_size,
     conditions_of,
+    quantity,
     state_lines,
 )
 from identification.compensation.coordinates import Coordinates
 from identification.compensation.designs import Designs
-from identification.compensation.field import Field
+from identification.compensation.field import Field, other_states
 from identification.compensation.findings import changed_columns, findings_of, outside
 from identification.compensation.model_uncertainty import against_model, following, judged
 from identification.compensation.notes import first_lines, survey_notes
@@ -57,7 +58,6 @@ EXACT_LATTICE_VALUES = 1600  # values of a lattice over all axes: larger ones ta
 TABLES_PER_SAMPLE, MOST_SAMPLES = 30, 8  # that ratio is at most MOST_SAMPLES: few tables are cheap; by judgement
 SUFFICIENT_SHARE = 0.03  # of the largest error: a structure that leaves less is accepted at once; by judgement
 RICHER_SHARE = 0.9  # of the plainer structure's largest error: a richer one must leave less; by judgement
-UNTABULATED_PREFIXES = ("time", "w_", "feed", "load", "T_")  # channels that no table has as an input
 
 
 def compensate(
@@ -131,7 +131,12 @@ def compensate(
         volume = volume.counted_from(middle, every=several_zeros(fit.values, read))
     with progress("Following the errors along each axis"):
         setup, notes = volume.planned.setup(points, resolution, axes)
-    rotary = rotary_axes(controller, volume, setup, seed, kinematics, fit, allow_large) if read is None else None
+    loose = [c for c in field.conditions if c not in states[0]]
+    rotary = None
+    if read is None:
+        state = {**middle, **{c: field.state[c] for c in loose}}
+        beside = other_states(field, table, states, loose)
+        rotary = rotary_axes(controller, volume.at(middle), setup, seed, kinematics, fit, allow_large, state, beside)
     plain = volume
     if rotary is not None and kinematics:
         field = described(field, setup, rotary.lines)
@@ -170,13 +175,13 @@ def compensate(
     if isinstance(controller, Controller) and sets[0].tables:
         tests = check_of(controller, setup, sets[0].tables)
     usual = sets[len(sets) // 2]
-    loose = sorted({c for c in channels if c not in states[0] and c.startswith(UNTABULATED_PREFIXES)})
     follows = is_rows(source[0]) and not isinstance(controller, Controller)
     correct: Correct = (volume if follows else volume.planned).ideal
     if isinstance(controller, Controller):
         correct = emulated(controller, usual.tables, setup, volume)
     said = state_lines(volume.at(usual.state), table, loose, correct, seed)
     if rotary is not None and kinematics and isinstance(controller, Controller):
+        plain = plain.at(usual.state)
         bare = left(plain, emulated(controller, usual.tables, setup, plain), seed).rms_um
         rotary = replace(rotary, tables_alone_um=bare)
     found = findings_of(folder)
@@ -312,7 +317,8 @@ def _rewritten(
             direction = np.hstack([direction, taken_up(field.chain, path)])
         return field.outward(ideal(inner, direction))
 
-    done = rewriter.rewrite(name, text, setup, correct, reading)
+    conditions = {name: quantity(name, value) for name, value in field.conditions.items()}
+    done = rewriter.rewrite(name, text, replace(setup, conditions=conditions), correct, reading)
     step, movers = 2 * rewriter.quantum(setup), list(field.movers)
 
     def rounded(q: Array, direction: Array, tool: Array | None) -> Array:

@@ -6,7 +6,7 @@ errors in um over the volume, predicted by the model.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -374,3 +374,8 @@ def quantity(name: str, value: float) -> str:
     if name.startswith("T_"):
         return f"{name} = {value:.1f} degC"
     return f"{name} = {value:g}{' ' + CHANNEL_UNITS[name] if name in CHANNEL_UNITS else ''}"
+
+
+def state_words(state: Mapping[str, float]) -> str:
+    """A state of the machine: its channels' values with their units."""
+    return ", ".join(quantity(name, value) for name, value in state.items())

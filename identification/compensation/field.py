@@ -5,7 +5,7 @@ Commands in mm and rad (controllers: mm and deg), points in mm in the axes of th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Literal
@@ -31,6 +31,7 @@ LEAST_NEW_DIRECTION = 0.3  # share of a unit axis outside the span of the chosen
 
 # of a hysteresis, rms in the survey's rows, that the direction of travel may leave where tables follow it; by judgement
 BY_DIRECTION = 0.6
+CONDITIONS = ("time", "w_", "feed", "load", "T_")  # prefixes of channels that no table or description has as an input
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,12 @@ class Field:
         """The same machine with the errors of these joints only."""
         own = np.array([p.element in names for p in self.chain.parameters])
         return replace(self, values=np.where(own, self.values, 0.0))
+
+    @property
+    def conditions(self) -> dict[str, float]:
+        """Channels of the model that are conditions of use (temperatures, time, load, feed), with their values here."""
+        names = sorted(set(map(root, self.chain.channels)))
+        return {name: self.state[name] for name in names if name.startswith(CONDITIONS) and name in self.state}
 
     @cached_property
     def reversing(self) -> frozenset[str]:
@@ -246,3 +253,19 @@ def _short_strokes(chain: Chain, table: pd.DataFrame) -> frozenset[str]:
         if np.mean((share - direction(table, joint)) ** 2) > BY_DIRECTION**2 * np.mean(share**2):
             out.add(joint)
     return frozenset(out)
+
+
+def other_states(
+    field: Field, table: pd.DataFrame, states: Sequence[Mapping[str, float]], loose: Sequence[str]
+) -> list[Mapping[str, float]]:
+    """States beside the middle one of `states`: the others of them, and the ends that each of the channels `loose` had.
+
+    `loose`: other channels of the model that nothing follows; `table`: the rows of the survey.
+    """
+    middle = len(states) // 2
+    out = [state for k, state in enumerate(states) if k != middle]
+    for name in loose:
+        recorded = table[name].dropna().to_numpy(dtype=np.float64) if name in table else np.zeros(0)
+        ends = sorted({float(v) for v in (recorded.min(), recorded.max())}) if len(recorded) else []
+        out += [{**states[middle], name: end} for end in ends if end != field.state.get(name)]
+    return out

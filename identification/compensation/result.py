@@ -23,9 +23,9 @@ from identification.compensation.conditions import (
 )
 from identification.compensation.coordinates import Coordinates
 from identification.compensation.findings import Outside, column_line
+from identification.compensation.kinematic_description import Kinematics
 from identification.compensation.model_uncertainty import against_model
 from identification.compensation.reversal_effects import ReversalError
-from identification.compensation.rotary_axes import Kinematics
 from identification.compensation.seams import Seam
 
 SCHEMA = "errormodel.compensation/1"
@@ -169,7 +169,7 @@ class Compensation:
         formats = f"--controller {' or '.join(richer(controller, self.setup))}"
         tables = self.usual.conditions.left_um if self.usual.conditions else 0.0
         if self.rotary and not self.rotary.asked and self.rotary.worth and self.rotary.left_um < tables:
-            return f"--kinematics (it alone leaves {self.rotary.left_um:.1f} um) or {formats}"
+            return f"--kinematics (it alone leaves {self.rotary.left_um:.1f} um{self.rotary.when}) or {formats}"
         return formats
 
     @property

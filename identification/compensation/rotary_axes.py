@@ -10,10 +10,8 @@ An axis displaced by a small rigid motion d turns the tool by ``d R d^-1``: the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from textwrap import wrap
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,6 +25,7 @@ from errormodel.surveys.columns import TOOL_COLUMNS
 from identification.compensation.assessment import left, nothing
 from identification.compensation.conditions import PLAUSIBLE_MM
 from identification.compensation.field import Field
+from identification.compensation.kinematic_description import ANGLE_SCALE, Elsewhere, Kinematics
 from identification.compensation.model_uncertainty import sensitivities_at
 from identification.compensation.sample import frame_motion
 from identification.compensation.volume import Volume
@@ -34,14 +33,8 @@ from identification.observation.stated_tip import tip_is_stated
 from identification.results.stored_fit import StoredFit
 
 POSES = 1024  # of the least squares; a power of two, for Sobol points
-DESCRIPTION = "kinematics.txt"
-TEXT_WIDTH = 110  # characters of a line
-INDENT = "    "  # of what is said of one axis
-WORTH_SHARE = 0.8  # of the rms error that may be left for the description to be mentioned; by judgement
 LEAST_STD = 1e-6  # mm, a hundredth of the last digit that is written: what moves an axis by less is not named
-MOST_NAMES = 6  # of parameters in a line
 LEAST_OF_TIP = 0.1  # mm of shift a mm that the tip is elsewhere: what moves an axis by less is not named
-ANGLE_SCALE = 1000.0  # mm per rad, which makes shifts and tilts alike in size; by judgement
 
 
 def lines_of(volume: Volume, setup: Setup, tilts: bool = True, fit: StoredFit | None = None) -> tuple[Line, ...]:
@@ -137,134 +130,23 @@ def _side(field: Field, k: int) -> str:
     return "table" if not linear or k < min(linear) else "head" if k > max(linear) else ""
 
 
-@dataclass(frozen=True)
-class Kinematics:
-    """Rotary axes as they lie, and what that is worth: rms errors over the volume, um, with it and without."""
-
-    lines: tuple[Line, ...]
-    before_um: float
-    left_um: float
-    asked: bool  # whether the tables are for what remains with it
-    tilts: bool = True  # whether it says how the axes are tilted
-    tables_alone_um: float | None = None  # what such tables leave without it; None: not asked
-
-    @property
-    def of_tip(self) -> str:
-        """Which values hold only as far as the tip of the probe is where the machine's file has it; or empty."""
-        names = [f"{one.axis} ({', '.join(own)})" for one in self.lines if (own := _tip_names(one))]
-        if not names:
-            return ""
-        return (
-            f"the shifts of {' and '.join(names)} hold only as far as the tip that was measured with is where tool of "
-            "machine.yaml (or of the survey) says: what it is beside that is in them, 1 mm a mm, and in no standard "
-            "uncertainty. Readings with the spindle turned by 180 deg tell tool_x and tool_y, a second length tool_z"
-        )
-
-    @property
-    def apart(self) -> str:
-        """What is added where tables are advised against: the description does not depend on them."""
-        if not self.asked or not all(x.spread for x in self.lines):
-            return ""
-        return f". This is said of the tables: for the rotary axes the uncertainties in {DESCRIPTION} count"
-
-    def first(self) -> str:
-        """What to do before the tables, or what to ask for."""
-        if self.asked:
-            tip = f"; {self.of_tip}" if self.of_tip else ""
-            without = f", {self.tables_alone_um:.1f} without it" if self.tables_alone_um is not None else ""
-            return (
-                f"FIRST: put the rotary axes of {DESCRIPTION} into the control's kinematic description (tool centre "
-                f"point control on); the tables are for what remains with it{without}{tip}"
-            )
-        return (
-            f"constant errors of the rotary axes are a good part: the control's kinematic description alone leaves "
-            f"{self.left_um:.1f} of {self.before_um:.1f} um rms, with any tool; --kinematics writes it, and tables for "
-            "what remains"
-        )
-
-    def as_json(self) -> dict[str, Any]:
-        lines = []
-        for one in self.lines:
-            std = one.std.tolist() if one.spread else None
-            known = {"shift_std": std and std[:3], "tilt_std": std and std[3:]}
-            lines.append({k: v for k, v in asdict(one).items() if k != "spread"} | known)
-        return asdict(self) | {"lines": lines, "of_tip": self.of_tip or None}
-
-    @property
-    def worth(self) -> bool:
-        """Whether the description alone takes away a fifth of the error."""
-        return self.left_um < WORTH_SHARE * self.before_um
-
-
-def _tip_names(one: Line) -> list[str]:
-    return [name for name in TOOL_COLUMNS if name in one.confounded]
-
-
-def _uncertainty_lines(one: Line) -> Iterator[str]:
-    """How uncertain the place of an axis is, with one digit more than its place has, and what that leaves out."""
-    if not one.spread:
-        return
-    std = one.std
-    shift = ", ".join(f"{a} {v:.5f} mm" for a, v in zip("xyz", std[:3], strict=True) if v > 0)
-    tilt = ", ".join(f"about {a} {1e6 * v:.2f} urad" for a, v in zip("xyz", std[3:], strict=True) if v > 0)
-    if shift or tilt:
-        yield f"standard uncertainty: {'; '.join(filter(None, (shift, tilt)))}"
-    tip = _tip_names(one)
-    if tip:
-        yield f"as if the tip were where tool says: by its {', '.join(tip)} it lies elsewhere, 1 mm a mm"
-    if others := [name for name in one.confounded if name not in tip]:
-        names = ", ".join(others[:MOST_NAMES])
-        more = f" and {len(others) - MOST_NAMES} more" if len(others) > MOST_NAMES else ""
-        yield f"as if these, which the survey does not tell from it, were zero: {names}{more}"
-
-
-def description_text(found: Kinematics, heading: Sequence[str], steps: Sequence[str]) -> str:
-    """``kinematics.txt``: what to change in the controller's kinematic description."""
-    lines = [
-        *(part for line in heading for part in wrap(line, TEXT_WIDTH)),
-        "Place and direction of the rotary axes, actual minus nominal of machine.yaml, all axes at zero,",
-        "in the axes of the reference (x y z of the machine). About and along itself an axis has neither.",
-        "",
-    ]
-    for one in found.lines:
-        shift = ", ".join(f"{a} {v:+.4f} mm" for a, v in zip("xyz", one.shift, strict=True) if abs(v) > 5e-5)
-        tilt = ", ".join(
-            f"about {a} {1e6 * v:+.1f} urad" for a, v in zip("xyz", one.tilt, strict=True) if abs(v) > 5e-8
-        )
-        tilt = f"tilt {tilt or 'none'}" if found.tilts else "tilt not described"
-        side = {"table": "carries the workpiece", "head": "carries the tool"}.get(one.side, "between linear axes")
-        lines.append(f"axis {one.axis} ({side}): shift {shift or 'none'}; {tilt}")
-        place = " ".join(f"{v + 0.0:.3f}" for v in one.at)
-        slope = " ".join(f"{1000 * v + 0.0:+.4f}" for v in one.slope)
-        way = " ".join(f"{v + 0.0:g}" for v in one.along)
-        point = f"    the shift is that of its point {place} (mm from the tip, all axes at zero)"
-        if found.tilts:
-            lines.append(f"{point}; 1000 mm farther")
-            lines.append(
-                f"    along {way} it is {slope} mm more: where the control's vectors end elsewhere, add that share"
-            )
-        else:
-            lines.append(point)
-        lines += [
-            part
-            for said in _uncertainty_lines(one)
-            for part in wrap(said, TEXT_WIDTH, initial_indent=INDENT, subsequent_indent=INDENT)
-        ]
-    lines += [
-        "",
-        *(part for part in wrap(found.of_tip, TEXT_WIDTH)),
-        *([""] if found.of_tip else []),
-        f"error over the volume: {found.before_um:.2f} um rms without, {found.left_um:.2f} with this alone",
-        "",
-        *(part for step in steps for part in wrap(step, TEXT_WIDTH, subsequent_indent="    ")),
-    ]
-    return "\n".join(lines) + "\n"
-
-
 def rotary_axes(
-    controller: Target, volume: Volume, setup: Setup, seed: int, asked: bool, fit: StoredFit, allow_large: bool
+    controller: Target,
+    volume: Volume,
+    setup: Setup,
+    seed: int,
+    asked: bool,
+    fit: StoredFit,
+    allow_large: bool,
+    state: Mapping[str, float],
+    others: Sequence[Mapping[str, float]],
 ) -> Kinematics | None:
     """Rotary axes as they lie, and what that is worth; None: there are none, or nothing that describes them.
+
+    Parameters
+    ----------
+    state : the channels that errors change with, as they are where the axes are described (`volume` is in it).
+    others : other states of the machine, for which it is said how far the axes lie elsewhere, and what is left.
 
     Raises
     ------
@@ -288,4 +170,10 @@ def rotary_axes(
     refuse_large(lines, allow_large or not asked)
     known = replace(volume, field=described(volume.field, setup, lines))
     before, with_it = (left(v, nothing, seed).rms_um for v in (volume, known))
-    return Kinematics(lines, before, with_it, asked, tilts)
+    elsewhere = []
+    for other in others:
+        # the workpiece stays where it was set up: what the state moves is an error
+        there = (replace(v, pose=v.frame if v.free else v.pose).at(other) for v in (volume, known))
+        errors = (left(v, nothing, seed).rms_um for v in there)
+        elsewhere.append(Elsewhere(other, lines_of(volume.at(other), setup, tilts), *errors))
+    return Kinematics(lines, before, with_it, asked, tilts, None, state, tuple(elsewhere))

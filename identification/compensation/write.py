@@ -6,8 +6,8 @@ from pathlib import Path
 
 from errormodel.controllers.base import Controller
 from errormodel.files import write_bytes_atomic, write_text_atomic
+from identification.compensation.kinematic_description import DESCRIPTION, description_text
 from identification.compensation.result import Compensation
-from identification.compensation.rotary_axes import DESCRIPTION, description_text
 from identification.compensation.text import COMMON_FILES, compensation_lines
 from identification.results.json_text import dumps
 from identification.results.terminal import one_line

@@ -18,12 +18,12 @@ from errormodel.survey import Survey
 from errormodel.surveys.observations import groups
 from identification.diagnosis.courses import with_courses, with_wanderer
 from identification.diagnosis.data_checks.approach_direction import contrary_sides
-from identification.diagnosis.data_checks.blunder import Blunder, listed, misses
+from identification.diagnosis.data_checks.blunder import Blunder, misses
 from identification.diagnosis.data_checks.checks import MOST_BLUNDERS, find_blunders, without
 from identification.diagnosis.data_checks.gate import refuse_another_machine, refused
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
 from identification.diagnosis.data_checks.orientations import orientation_notes
-from identification.diagnosis.data_checks.outliers import far_turned, gross_rows, masked_rows
+from identification.diagnosis.data_checks.outliers import gross_rows, masked_rows
 from identification.diagnosis.data_checks.runs_of_motions import (
     compared_runs,
     lost_zero,
@@ -38,11 +38,11 @@ from identification.diagnosis.extension import Explanation, explained
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.motions_as_points import as_points, carried
 from identification.diagnosis.linear.residual_rows import heldout_um, rms_um, views_of
-from identification.diagnosis.linear.row_residuals import by_observation, noise_mm, spread, vectors
+from identification.diagnosis.linear.row_residuals import by_observation, noise_mm, spread
 from identification.diagnosis.results.aliased_periods import aliased_periods
 from identification.diagnosis.results.beyond_recorded import known_where_recorded
 from identification.diagnosis.results.diagnosed import Diagnosed
-from identification.diagnosis.results.effect_size import Amount, whole_of
+from identification.diagnosis.results.effect_size import whole_of
 from identification.diagnosis.results.findings import (
     Diagnosis,
     Finding,
@@ -56,6 +56,7 @@ from identification.diagnosis.results.findings import (
     p_value_of,
     probability_of,
 )
+from identification.diagnosis.results.left_out import outlier_finding
 from identification.diagnosis.results.nameless_alternative import checked_alternative
 from identification.diagnosis.results.open_expansion import open_expansions
 from identification.diagnosis.results.other_sensors import by_other_sensors, sensors_probability, sentence_of
@@ -87,7 +88,6 @@ from identification.estimation.fit import fit_if_possible, fit_machine
 from identification.estimation.large_scales import large_scales
 from identification.estimation.result import Fit
 from identification.observation.normal_equations import design_rows
-from identification.results.terminal import counted
 from identification.runtime.progress import Progress, silent
 
 
@@ -204,10 +204,15 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     final = replace(known_where_recorded(final, model, first, nameless), others=others)
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
-        findings.append(_outlier_finding(bad, mended, fit))
+        findings.append(outlier_finding(bad, mended.survey, found.final))
     dependence = no_larger(dependence, final)
     verdict = judge(final, bool(findings), dependence, log)
-    final = replace(final, systematic_mm=1e-3 * verdict.systematic_um, expansions=open_expansions(model.linear, final))
+    final = replace(
+        final,
+        systematic_mm=1e-3 * verdict.systematic_um,
+        systematic_by=verdict.systematic_by,
+        expansions=open_expansions(model.linear, final),
+    )
     baseline = next((b for b in fits if b is not None), mended)
     diagnosis = Diagnosis(
         verdict.word,
@@ -227,7 +232,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
             *(f"{name} drives nothing: {reason}" for name, reason in dead.items()),
             *contrary_sides(survey, log),
             *aliased_periods(model),
-            *perhaps_there(perhaps),
+            *perhaps_there(perhaps, model.linear.scene.columns),
             *(untimed_path(model.linear) if findings or verdict.word != "adequate" else ()),
             *verdict.notes,
         ),
@@ -325,7 +330,7 @@ def _finding(
         absorbed=hidden,
         moved=_moved(before, model.start, columns[:, : len(linear.index)], values),
         alternatives=with_places(others, main, motions_of(main, linear), places),
-        next_measurement=next_measurement(main, alike[0] if alike else None),
+        next_measurement=next_measurement(main, alike[0] if alike else None, linear.scene.columns),
         size_um=whole.size_um,
         brief=brief_of(whole, machine),
         positive=main.positive(machine),
@@ -374,26 +379,4 @@ def _blunder_finding(blunder: Blunder, before: Fit | None, after: Fit | None) ->
         brief=blunder.text.split(":")[0],
         size_um=blunder.before_um or 0.0,
         rows=list(blunder.rows) if blunder.rows else None,
-    )
-
-
-def _outlier_finding(bad: Mask, baseline: Fit, fit: Fit) -> Finding:
-    rows = [int(r) for r in baseline.survey.table["row"].to_numpy()[bad]]
-    far = np.nansum(np.square(vectors(baseline)[bad]), axis=1)
-    largest, one = f"{1e3 * float(np.sqrt(far.max())):.0f} um{far_turned(baseline, bad)}", len(rows) == 1
-    return Finding(
-        effect="outliers",
-        where="instrument",
-        statement=(
-            f"{counted(len(rows), 'row')} of {len(bad)} {'lies' if one else 'lie'} far outside anything the others "
-            f"show (up to {largest}) and {'was' if one else 'were'} left out: rows {listed(rows)}."
-        ),
-        parameters=[Amount("rows", float(len(rows)), 0.0, "")],
-        probability=0.99,
-        p_value=0.0,
-        heldout_rms_um=HeldOut(spread(baseline, heldout=True).rms_um, spread(fit, heldout=True).rms_um),
-        next_measurement="measure these rows again",
-        brief=f"{counted(len(rows), 'row')} left out as outliers",
-        size_um=1e3 * float(np.sqrt(np.mean(far))),
-        rows=rows,
     )

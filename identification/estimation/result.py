@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -98,6 +98,10 @@ class Streamed:
     steps: Array
 
 
+Beyond = Literal["repeats", "declared", "recorded"]
+"""How it is known that something is left: it exceeds repeats, or a declared uncertainty, or depends on channels."""
+
+
 @dataclass(frozen=True)
 class Fit:
     """A fitted machine: plain values. What is derived from them is in `identification.results.analysis`."""
@@ -122,7 +126,8 @@ class Fit:
     at_bound: tuple[AtBound, ...] = ()
     counted: tuple[View, ...] = ()
     serial: Noise | None = None  # serial correlation of the residuals
-    systematic_mm: float = 0.0  # of a coordinate: what is left and is no noise, by a diagnosis
+    systematic_mm: float = 0.0  # of a coordinate: what a diagnosis left beyond the noise
+    systematic_by: Beyond | None = None  # by what that is known; None: there is none
     others: tuple[OtherEffect, ...] = ()  # what the recording leaves open of effects
     expansions: Expansions | None = None  # and of the expansion of axes; None where nobody looked for it
     streamed: Streamed | None = None  # the survey and its residuals are then those of a sample of the rows

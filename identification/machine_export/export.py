@@ -13,7 +13,9 @@ from errormodel.exceptions import ErrorModelError, InputError
 from errormodel.machine import Machine
 from errormodel.machine_formats.base import Extras, MachineFormat, Part, Template, described, format_named, nominal
 from errormodel.raw_formats.base import RawFile, open_raw
-from identification.compensation.field import Field
+from identification.compensation.conditions import state_words
+from identification.compensation.field import Field, other_states
+from identification.compensation.options import with_load
 from identification.compensation.rows import joints_read, read_rows
 from identification.compensation.volume import Volume
 from identification.machine_export.geometry import Calibrated, calibrated, nominal_rows, poses_of
@@ -57,6 +59,8 @@ def exported(
     part: Part | None = None,
     seed: int = 0,
     progress: Progress = silent,
+    *,
+    load: float | None = None,
 ) -> Exported:
     """Describe a machine, or the machine that was fitted into a folder.
 
@@ -67,6 +71,7 @@ def exported(
     suffix : of the file, where a format has several forms.
     identity : the format's own identifier, where it has one.
     into : a description that is kept but for its geometry; `part` : the chain in it that is meant.
+    load : load that the constants are for, kg; None: the median of the survey's rows.
 
     Raises
     ------
@@ -76,12 +81,15 @@ def exported(
     kind = format_named(name)
     if identity and not kind.identified:
         raise InputError("--hash", f"'{identity}', and {kind.title} holds no identifier of a robot", "Leave it out")
+    if load is not None and isinstance(source, Machine):
+        raise InputError("--load", f"{load:g} kg, where a machine without a fit yields to no load", "Leave it out")
     template = None if into is None else open_raw(into, str(into))
-    known, unlisted = (None, ()) if isinstance(source, Machine) else _of_fit(source, progress)
+    known, unlisted = (None, ()) if isinstance(source, Machine) else _of_fit(source, load, progress)
     machine = nominal(source) if isinstance(source, Machine) else known.machine if known else None
     assert machine is not None
     what = "calibrated" if known else "nominal"
-    heading = f"errormodel: {what} geometry of {' '.join(one_line(machine.name).split())}"
+    state = f", at {state_words(known.state)}" if known and known.state else ""
+    heading = f"errormodel: {what} geometry of {' '.join(one_line(machine.name).split())}{state}"
     with progress("Writing and reading it back"):
         if template is None:
             written = kind.write(machine, suffix, Extras(heading, identity))
@@ -93,16 +101,17 @@ def exported(
     return Exported(kind, machine, written.text, (*unlisted, *written.notes), read_back, known)
 
 
-def _of_fit(folder: Path, progress: Progress) -> tuple[Calibrated, tuple[str, ...]]:
+def _of_fit(folder: Path, load: float | None, progress: Progress) -> tuple[Calibrated, tuple[str, ...]]:
     """What a description holds of a fit, and what is said of its folder."""
     with progress("Reading"):
         fit = store.load(folder)
         table = read_rows(folder, fit.chain.machine)
     with progress("Finding the constant geometry"):
-        field = Field.of(fit, table)
+        field, of_load = with_load(Field.of(fit, table), load, table)
         volume = Volume.of(field, table, fit.frame_mode != "fixed", turns=joints_read(table) is None)
         tool = {i: fit.values[i] for i in fit.chain.tool_ids if i in fit.values}
-        return calibrated(field, volume, tool), fit.unlisted
+        others = other_states(field, table, [{}], [*field.conditions])
+        return calibrated(field, volume, tool, others), (*fit.unlisted, *of_load)
 
 
 def compared(

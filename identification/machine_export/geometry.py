@@ -8,8 +8,9 @@ none of the machine's, where the survey's frame is free.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from dataclasses import field as dataclass_field
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from errormodel.machine_formats.base import nominal
 from errormodel.machine_formats.transforms import rotation_angles, vector
 from identification.compensation.field import Field
 from identification.compensation.volume import Volume, best_frame
+from identification.observation.pose import IDENTITY, Pose
 
 POSES = 1024  # of the least squares and of the figures; a power of two, for Sobol points
 ORIENTATION_MM = 100.0  # mm per rad, by which orientations are weighed against positions: a hand's tool; by judgement
@@ -53,6 +55,8 @@ class Calibrated:
     before : error of the nominal machine over the measured volume, after the best frame where that is free.
     left : the same of this machine.
     beyond : what no constant is, by name, with the root mean square of its own effect at the functional point, um.
+    state : load, temperatures and whatever else the fitted machine changes with, for which the constants hold.
+    others : other states, with the error of this machine there, in the frame of that one where it is free.
     """
 
     machine: Machine
@@ -60,10 +64,17 @@ class Calibrated:
     before: Spread
     left: Spread
     beyond: Mapping[str, float]
+    state: Mapping[str, float] = dataclass_field(default_factory=dict)
+    others: tuple[tuple[Mapping[str, float], Spread], ...] = ()
 
 
-def calibrated(field: Field, volume: Volume, tool_errors: Mapping[str, float]) -> Calibrated:
-    """The constant geometry nearest to a fitted machine; `tool_errors` (mm) are those of the functional point."""
+def calibrated(
+    field: Field, volume: Volume, tool_errors: Mapping[str, float], others: Sequence[Mapping[str, float]] = ()
+) -> Calibrated:
+    """The constant geometry nearest to a fitted machine in its state.
+
+    `tool_errors` (mm) are those of the functional point; `others` are states in which it is judged as well.
+    """
     chain = field.chain
     constant = np.array([isinstance(e, Shape) and not t for e, t in _places(chain)])
     values = dict(zip(chain.ids, np.where(constant, field.values, 0.0).tolist(), strict=True))
@@ -76,8 +87,11 @@ def calibrated(field: Field, volume: Volume, tool_errors: Mapping[str, float]) -
     if rest.any():
         machine = _nearest(field, volume, machine)
     judged = volume.poses(POSES, OTHER_SEED)
-    left = [_left(field, judged, other, volume.free) for other in (before, machine)]
-    return Calibrated(machine, before, left[0], left[1], _contributions(field, judged, rest))
+    frames = [_frame(field, judged, other) if volume.free else IDENTITY for other in (before, machine)]
+    left = [_left(field, judged, other, frame) for other, frame in zip((before, machine), frames, strict=True)]
+    elsewhere = tuple((state, _left(field.at(state), judged, machine, frames[1])) for state in others)
+    beyond = _contributions(field, judged, rest)
+    return Calibrated(machine, before, left[0], left[1], beyond, field.conditions, elsewhere)
 
 
 def _places(chain: Chain) -> list[tuple[object, str]]:
@@ -140,15 +154,24 @@ def _nearest(field: Field, volume: Volume, machine: Machine) -> Machine:
     return machine
 
 
-def _left(field: Field, judged: tuple[Array, Array], machine: Machine, free: bool) -> Spread:
-    """Error of a field (its actual functional point) against a machine without errors."""
+def _points(field: Field, judged: tuple[Array, Array], machine: Machine) -> tuple[Array, Array]:
+    """Actual functional points (n, 3) of a field, and those of a machine without errors, mm."""
     q, came = judged
-    actual = poses_of(field.chain, field.values, field.rows(q, came))[0]
     chain = Chain(machine)
-    point = poses_of(chain, np.zeros(len(chain.ids)), nominal_rows(machine, q))[0]
-    if free:
-        point = best_frame(actual - point, point).apply(point)
-    return Spread.of(actual - point)
+    actual = poses_of(field.chain, field.values, field.rows(q, came))[0]
+    return actual, poses_of(chain, np.zeros(len(chain.ids)), nominal_rows(machine, q))[0]
+
+
+def _frame(field: Field, judged: tuple[Array, Array], machine: Machine) -> Pose:
+    """The rigid motion of a machine without errors that comes nearest to a field."""
+    actual, point = _points(field, judged, machine)
+    return best_frame(actual - point, point)
+
+
+def _left(field: Field, judged: tuple[Array, Array], machine: Machine, frame: Pose) -> Spread:
+    """Error of a field (its actual functional point) against a machine without errors, in a frame."""
+    actual, point = _points(field, judged, machine)
+    return Spread.of(actual - frame.apply(point))
 
 
 def _contributions(field: Field, judged: tuple[Array, Array], rest: Array) -> dict[str, float]:

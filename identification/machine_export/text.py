@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from identification.compensation.conditions import state_words
 from identification.machine_export.export import READ_BACK_POSES, Exported
 from identification.results.terminal import table_lines
 
@@ -25,6 +26,14 @@ def export_lines(done: Exported) -> Iterator[str]:
         ("  nominal geometry", f"{before.rms_um:.2f}", f"{before.worst_um:.2f}"),
         ("  this description", f"{left.rms_um:.2f}", f"{left.worst_um:.2f}"),
     ]
+    rows += [
+        (f"  this description, at {state_words(state)}", f"{there.rms_um:.2f}", f"{there.worst_um:.2f}")
+        for state, there in done.calibrated.others
+    ]
+    if state := done.calibrated.state:
+        another = " (another load: --load)" if "load" in state else ""
+        kept = "; in other states the machine's frame is kept" if done.calibrated.others else ""
+        yield f"the constants hold at {state_words(state)}{another}{kept}"
     yield ""
     yield from table_lines(rows, "<>>")
     if done.calibrated.beyond:

@@ -69,6 +69,13 @@ class ReadingView(View):
         own[where] = pose.invert(np.array([[at[n] for n in self.observation.point]]))[0]
         return replace(self, quantities=own)
 
+    def started(self, starts: Mapping[str, float]) -> Self:
+        """The view with the estimation of its unknowns starting elsewhere, by the names of their columns."""
+        own, names = self.quantities.copy(), [q.name for q in self.observation.quantities()]
+        for name, column in zip(self.free, self.columns[len(self.ids) :], strict=True):
+            own[names.index(name)] = starts[column]
+        return replace(self, quantities=own)
+
     def part(self, rows: Rows) -> Self:
         return replace(super().part(rows), measured=self.measured[rows])
 

@@ -129,7 +129,7 @@ def _verdict(
         absorbed=least,
         alike=named if word == "confusable" else (),
         reason=reason,
-        needs=effect.separate if word != "detectable" else "",
+        needs=effect.recommended(linear.scene.columns) if word != "detectable" else "",
         typical=effect,
         rivals=tuple(candidates.effects[n] for n in rivals),
     )

@@ -36,8 +36,11 @@ class ExportResult:
         """Errors (um) against the fitted machine over the measured volume, of the nominal geometry and of this."""
         import pandas as pd
 
+        from identification.compensation.conditions import state_words
+
         known = self.exported.calibrated
         spreads = {} if known is None else {"nominal": known.before, "description": known.left}
+        spreads |= {f"description at {state_words(s)}": there for s, there in (known.others if known else ())}
         table = pd.DataFrame([{"geometry": name, **vars(s)} for name, s in spreads.items()])
         table.attrs["units"] = {"rms_um": "um", "worst_um": "um"}
         return table

@@ -127,6 +127,7 @@ class FitFile(_Part):
     sigma_interval_um: list[Figure] = []
     coverage: Annotated[Number, Field(gt=0)] = 1.0
     systematic_um: NotNegative = 0.0
+    systematic_by: Literal["repeats", "declared", "recorded"] | None = None
     other_effects: list[_OtherEffect] = []
     expansions: dict[str, dict[str, NotNegative]] | None = None
     observations: list[_SetUp] = []

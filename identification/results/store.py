@@ -92,6 +92,7 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
         "inflation": fit.inflation,
         "coverage": fit.coverage,
         "systematic_um": 1e3 * fit.systematic_mm,
+        "systematic_by": fit.systematic_by,
         "other_effects": [asdict(other) for other in fit.others],
         "passes": s.passes,
         "converged": s.converged,

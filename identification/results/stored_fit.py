@@ -53,7 +53,7 @@ class StoredFit:
     set_ups: dict[str, float] = field(default_factory=dict)  # unknown numbers of observations, mm and rad
     free_reference: bool = False  # only readings were fitted, which do not show where the machine stands
     coverage: float = 1.0  # factor on standard uncertainties of predictions, for noise from few degrees of freedom
-    systematic: float = 0.0  # mm of a coordinate, in the residuals, but no noise
+    systematic: float = 0.0  # mm of a coordinate, in the residuals, beyond the noise
     others: tuple[OtherEffect, ...] = ()  # what the recording leaves open of effects
     unlisted: tuple[str, ...] = ()  # what is said of a folder whose files cannot be checked
     error_axes: Axes = "measured"  # of predicted errors: those of the measuring frame, or x y z of ``machine.yaml``

@@ -315,7 +315,7 @@ def _prediction(fit: Fit, stored: StoredFit, effects: Sequence[_Effect]) -> Budg
         lines.append(Input(UNIDENTIFIED_LINE, "B", "normal", sqrt(unseen), "mm", 1.0))
     form, name = _form(fit), "form of the model, from blocks of rows left out"
     if fit.systematic_mm > form:  # the same cause: one line
-        form, name = fit.systematic_mm, "form of the model, from what a diagnosis left that is no noise"
+        form, name = fit.systematic_mm, "form of the model, or scatter: what a diagnosis left beyond the noise"
     if form > 0:
         lines.append(Input(name, "A", "normal", form, "mm", 1.0, float(max(fit.folds - 1, 1))))
     lines += [_input(e, "mm") for e in fit.survey.budget if e.acts == "prediction"]

@@ -76,10 +76,19 @@ MISFIT = (
     "the residuals of the fit are {:.3g} times as large as the declared uncertainty: what its model lacks is in these "
     "predictions, and in their uncertainty only as if it were noise. `errormodel diagnose` looks for it"
 )
-LEFT = (
-    "the diagnosis left {:.2g} um of a coordinate that is no noise and that nothing explains. The uncertainty has it "
-    "as it was in the recording: later, warmer or elsewhere it may be much larger"
-)
+LEFT = "the diagnosis left {:.2g} um of a coordinate {}. The uncertainty has it as it was in the recording: {}"
+MUCH_LARGER = "later, warmer or elsewhere it may be much larger"
+BEYOND = {  # what is known of it
+    "repeats": ("beyond the scatter of repeated poses, which nothing explains", MUCH_LARGER),
+    "recorded": ("that depends on what was recorded, all or in part, and that nothing explains", MUCH_LARGER),
+    "declared": (
+        "beyond the declared uncertainty, which nothing recorded predicts: each row may scatter so (a machine that "
+        "does not repeat, an instrument worse than declared), or it has a cause that was not recorded. Repeated poses "
+        "tell which",
+        f"if it has a cause, {MUCH_LARGER}",
+    ),
+    None: ("beyond the noise, which nothing explains", MUCH_LARGER),
+}
 # Standard deviation of an unidentified parameter by unit, and how many identified ones it is worth; by judgement
 PLAUSIBLE_SIZES = {"mm": 0.02, "rad": 5e-5, "1": 5e-5, "rad/mm": 5e-8}
 WORTH = 3
@@ -96,7 +105,7 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     error. The uncertainty contains the covariance of the estimated parameters and, for unidentified parameters that act
     here (with another tool, for instance), the size of the identified ones of the same unit; where the noise was
     estimated with few degrees of freedom it is widened, so that twice it covers 95.45 % (Student's t). Of a position
-    and an error it contains what a diagnosis found left that is no noise, too.
+    and an error it contains what a diagnosis found left beyond the noise, too.
 
     Parameters
     ----------
@@ -206,7 +215,7 @@ def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     late = (*started_anew(fit.chain, temperatures, points.table), *after_gaps(fit.chain, temperatures, points.table))
     ended = as_in_last_run(fit.chain, fit.data.get("runs", ()), with_runs(points))
     idle, moving = rested(fit.chain, points.table), on_the_fly(fit.chain, points.table)
-    left = (LEFT.format(1e3 * fit.systematic),) if fit.systematic else ()
+    left = (LEFT.format(1e3 * fit.systematic, *BEYOND[fit.data.get("systematic_by")]),) if fit.systematic else ()
     misfit = (MISFIT.format(ratio),) if not left and (ratio := _misfit(fit)) ** 2 > MISFIT_RATIO else ()
     mistakes = (MISTAKE.format(text=text) for text in mended_words(machine))
     missing = {name for other in fit.others for name in other.missing(machine, table)}

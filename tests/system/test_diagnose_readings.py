@@ -180,6 +180,7 @@ def test_gross_rows_of_lengths_are_left_out_each_in_the_noise_of_its_own() -> No
     found = diagnose(MACHINE, replace(data, table=table)).diagnosis
     assert [f.effect for f in found.findings] == ["outliers"]
     assert found.findings[0].rows == table["row"][wrong].tolist()
+    assert found.findings[0].size_um == pytest.approx(12, abs=1)  # of 11 and 13, root mean square
     assert found.noise_um == pytest.approx(1e3 * benchmark.POINTS, rel=0.15)
     (own,) = found.readings
     assert own.noise == pytest.approx(1e3 * benchmark.NOISE, rel=0.3)

@@ -30,8 +30,9 @@ def test_gross_rows_that_an_effect_hides_are_found(survey: Survey, far: float) -
     table = moved.table.copy()
     table.loc[table.index[BAD], "mz"] += far
     found = diagnose(MACHINE, replace(moved, table=table)).diagnosis
-    rows = [f.rows for f in found.findings if f.effect == "outliers"]
-    assert rows == ([[r + 1 for r in BAD]] if far else [])
+    outliers = [f for f in found.findings if f.effect == "outliers"]
+    assert [f.rows for f in outliers] == ([[r + 1 for r in BAD]] if far else [])
+    assert [f.size_um for f in outliers] == ([pytest.approx(1e3 * far, rel=0.1)] if far else [])
     assert [f.where for f in found.findings if f.effect != "outliers"] == ["X"]
 
 

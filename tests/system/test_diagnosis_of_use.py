@@ -18,6 +18,7 @@ from identification.estimation.fit import fit_machine
 from identification.results import store
 from identification.results.predictions import predicted
 from identification.runtime.progress import silent
+from identification.uncertainty.prediction import notes
 from tests.helpers.commands import XYZ
 from tests.helpers.diagnosed import empty_survey, showing
 from tests.helpers.nightly import first_of
@@ -110,12 +111,14 @@ def test_what_is_left_and_follows_something_recorded_is_in_the_uncertainty_of_pr
     whole = predicted(fit, survey)["uy"].to_numpy()
     of_coordinate = 1e-3 * left.size_um / np.sqrt(3)
     assert np.sqrt(whole**2 - known**2) == pytest.approx(of_coordinate)
+    assert fit.data["systematic_by"] == "recorded"
+    assert any("depends on what was recorded" in note for note in notes(fit, survey))
     lines = {i["name"]: i["std"] for i in fit.data["budget"]["prediction"]["inputs"]}
     assert max(v for name, v in lines.items() if name.startswith("form of the model")) >= of_coordinate
 
 
-def test_what_exceeds_the_declared_uncertainty_is_in_that_of_predictions(machine: Machine) -> None:
-    """Two micrometres that nothing recorded predicts, beside two of declared noise."""
+def test_what_exceeds_the_declared_uncertainty_is_in_that_of_predictions(machine: Machine, tmp_path: Path) -> None:
+    """Two micrometres that nothing recorded predicts, beside two of declared noise: scatter of each row, it may be."""
     survey = empty_survey(machine, 240, 5, channels=False, grid=False)
     table = showing(survey, machine, [], 0.002).table
     jumps = np.random.default_rng(4).normal(0, 0.002, (240, 3))
@@ -131,3 +134,7 @@ def test_what_exceeds_the_declared_uncertainty_is_in_that_of_predictions(machine
     diagnosis = diagnose(machine, noisy)
     assert diagnosis.diagnosis.verdict == "unexplained"
     assert diagnosis.final.systematic_mm == pytest.approx(0.002, rel=0.1)
+    store.save(diagnosis.final, tmp_path)
+    (note,) = [n for n in notes(store.load(tmp_path), survey) if n.startswith("the diagnosis left")]
+    assert "um of a coordinate beyond the declared uncertainty, which nothing recorded predicts: each row may" in note
+    assert "no noise" not in note

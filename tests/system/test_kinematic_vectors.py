@@ -28,7 +28,8 @@ from errormodel.controllers.base import Controller
 from errormodel.controllers.rotary_lines import Line
 from errormodel.machine_file import read_machine
 from identification.compensation.assessment import left, nothing
-from identification.compensation.rotary_axes import Kinematics, described, description_text, lines_of
+from identification.compensation.kinematic_description import Kinematics, description_text
+from identification.compensation.rotary_axes import described, lines_of
 from identification.compensation.volume import Volume
 from tests.helpers.chains import Array
 from tests.helpers.compensation import volume_of

@@ -100,7 +100,7 @@ def test_a_wild_row_is_said_by_a_fit_and_left_out_by_a_diagnosis() -> None:
     found = diagnose(MACHINE, table)
     (outliers,) = found.diagnosed.diagnosis.findings
     assert (outliers.effect, outliers.rows) == ("outliers", [41])
-    assert "urad) and was left out" in outliers.statement
+    assert "urad from what the model with all findings predicts there" in outliers.statement
     (line,) = [one for one in found.summary().splitlines() if one.startswith("noise of one component")]
     assert float(line.split()[6]) == pytest.approx(1e6 * NOISE, rel=0.15)
     assert found.diagnosed.diagnosis.as_json()["orientation_noise_urad"] == pytest.approx(1e6 * NOISE, rel=0.15)

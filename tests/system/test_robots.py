@@ -13,12 +13,18 @@ import yaml
 from pytransform3d.urdf import UrdfTransformManager
 
 from errormodel import read_machine, simulate
+from errormodel.chain import Chain
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import write_machine
 from errormodel.machine_formats.base import Extras, registry
+from errormodel.simulation import random_points
 from identification import export, fit, import_machine, machine_formats, save
+from identification.estimation.fit import fit_machine
+from identification.results import store
 from tests.helpers.commands import done, run, tree, write
 from tests.helpers.robots import ROBOTS, frames, positions, read_text
+from tests.helpers.surveys import measured, survey
+from tests.helpers.surveys import positions as without_orientations
 
 TOOL = (40.0, -100.0, 0.0)
 # an arm as it is built: constants of its members, mm and rad, as large as those of real ones
@@ -164,8 +170,7 @@ def test_what_no_constant_is_becomes_the_nearest_constants_and_is_said(arm: Path
     joints = (*(replace(e, models={"ec": models()}) if e.name == "J2" else e for e in machine.elements),)
     machine = replace(machine, elements=joints)
     bent = {"L2.dx": -0.9, "J2.ec.cos1": 8e-4, "J2.ec.sin1": 2e-4}
-    survey = simulate(machine, 200, bent, noise=1e-4, seed=2)
-    result = fit(machine, survey)
+    result = fit(machine, simulate(machine, 200, bent, noise=1e-4, seed=2))
     described = export(result, "dh")
     table = described.figures.set_index("geometry")
     assert table.loc["description", "rms_um"] < 0.8 * table.loc["nominal", "rms_um"]
@@ -192,12 +197,34 @@ def test_an_effect_is_named_with_its_joint(arm: Path, tmp_path: Path) -> None:
     effect = EffectSpec("eccentricity", {"joint": "J1", "harmonic": 1})
     machine = replace(machine, effects=(effect,))
     write_machine(machine, tmp_path / "e.yaml")
-    from errormodel.chain import Chain
-
     own = Chain(read_machine(tmp_path / "e.yaml")).effect_ids[0]
-    survey = simulate(machine, 150, {own[0]: 3e-4}, noise=1e-4, seed=3)
-    said = export(fit(machine, survey), "urdf").summary()
+    said = export(fit(machine, simulate(machine, 150, {own[0]: 3e-4}, noise=1e-4, seed=3)), "urdf").summary()
     assert re.search(r"eccentricity of J1 +\d", said), said
+
+
+def test_constants_are_of_the_load_that_is_said(arm: Path, tmp_path: Path) -> None:
+    """A shoulder that yields to the payload: its table had been for 14 kg, and said of none."""
+    machine = read_machine(arm / "m.yaml")
+    machine = replace(machine, effects=(EffectSpec("joint-compliance", {"joint": "J2", "payload": True}),))
+    chain = Chain(machine)
+    payload = next(i for i in chain.ids if i.endswith("joint-compliance-payload"))
+    points = random_points(machine, 150, 1).assign(load=np.resize([0.0, 14.0, 14.0], 150))
+    table = without_orientations(measured(machine, chain.vector({payload: 3e-8}), points=points, noise=1e-3))
+    store.save(fit_machine(machine, survey(table)), tmp_path / "fit")
+    ask = ("export", tmp_path / "fit", "--format", "dh", "--out")
+    said, left = {}, {}
+    for load, option in ((14, ()), (0, ("--load", 0))):
+        said[load] = done(*ask, tmp_path / f"{load}.csv", *option).out
+        assert f"at load = {load} kg" in (tmp_path / f"{load}.csv").read_text().splitlines()[0]
+        assert f"the constants hold at load = {load} kg (another load: --load)" in said[load]
+        left[load] = [float(n) for n in re.findall(r"this description.*? +(\d+\.\d\d) +\d", said[load])]
+        assert f"this description, at load = {14 - load} kg" in said[load]
+    assert left[0][0] < 2  # without a payload nothing yields
+    assert left[0][1] > 10 * left[0][0]
+    refused = run(*ask, tmp_path / "x.csv", "--load", -1)
+    assert (refused.code, "--load" in refused.err) == (2, True)
+    refused = run("export", "six_axis_arm", "--format", "dh", "--out", tmp_path / "x.csv", "--load", 3)
+    assert (refused.code, "without a fit" in refused.err) == (2, True)
 
 
 def test_a_machine_without_a_fit_is_described_too(tmp_path: Path) -> None:

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from errormodel.chain import Chain
+from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
+from errormodel.simulation import random_points
 from identification.compensation.assessment import left, nothing
 from identification.compensation.rotary_axes import described, lines_of
 from identification.compensation.volume import Volume
@@ -87,6 +89,40 @@ def test_what_the_description_takes_is_nothing_for_the_tables(tmp_path: Path) ->
     fanuc = done("compensate", tmp_path / "fit", "--controller", "fanuc-pitch", "--out", tmp_path / "f", "--kinematics")
     assert fanuc.code == 0
     assert "19700 to 19702 (position of the rotary table)" in (tmp_path / "f/kinematics.txt").read_text()
+
+
+def test_where_axes_lie_is_said_for_the_state_it_holds_in(tmp_path: Path) -> None:
+    """A spindle that grows by 2 um/K moves the trunnion's axis beside the tool, and nothing said when."""
+    plain = read_machine(TRUNNION)
+    machine = replace(
+        plain, effects=(EffectSpec("spindle-growth", {"sensor": "T_spindle", "element": plain.elements[-1].name}),)
+    )
+    chain = Chain(machine)
+    growth = next(i for i in chain.ids if "spindle-growth" in i)
+    points = random_points(machine, 150, 1).assign(T_spindle=np.linspace(20.0, 30.0, 150))
+    p = chain.vector({"trunnion.dx": 30 * UM, growth: 2 * UM})
+    save(fit_machine(machine, survey(positions(measured(machine, p, points=points, noise=0.5 * UM)))), tmp_path / "f")
+    ask = ("compensate", tmp_path / "f", "--controller", "heidenhain", "--points", "3", "--out")
+    said = " ".join(done(*ask, tmp_path / "o", "--kinematics").out.split())
+    found = json.loads((tmp_path / "o/compensation.json").read_text())
+    rotary, sets = found["rotary_axes"], found["sets"]
+    warm = [s["state"]["T_spindle"] for s in sets]
+    assert rotary["state"] == {"T_spindle": warm[1]}
+    assert [one["state"]["T_spindle"] for one in rotary["others"]] == [warm[0], warm[2]]
+    for one, there in zip(rotary["others"], (warm[0], warm[2]), strict=True):
+        moved = one["moved"]["A"]["shift"][2]
+        assert abs(moved) == pytest.approx(2 * UM * abs(there - warm[1]), rel=0.1)
+        assert f"at T_spindle = {there:.1f} degC A lies elsewhere by z {moved:+.4f} mm" in said
+    # with the description alone, and what stands above each state's tables: the same machine
+    left_um = [rotary["others"][0]["left_um"], rotary["left_um"], rotary["others"][1]["left_um"]]
+    assert left_um == pytest.approx([s["figures"][0]["before"]["rms_um"] for s in sets], rel=0.01)
+    assert left_um[0] > 3 * left_um[1] < left_um[2]
+    text = (tmp_path / "o/kinematics.txt").read_text()
+    assert f"They hold at T_spindle = {warm[1]:.1f} degC" in text
+    for one in rotary["others"]:
+        assert f"at T_spindle = {one['state']['T_spindle']:.1f} degC {one['before_um']:.2f} without" in text
+    hint = " ".join(done(*ask, tmp_path / "plain").out.split())
+    assert f"um rms at T_spindle = {warm[1]:.1f} degC, {left_um[0]:.1f} of " in hint
 
 
 def test_a_machine_without_rotary_axes_has_nothing_to_describe(with_mill: Fill, tmp_path: Path) -> None:

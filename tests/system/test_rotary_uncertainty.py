@@ -17,7 +17,8 @@ from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.compensation.field import Field
-from identification.compensation.rotary_axes import Kinematics, description_text, lines_of, refuse_large
+from identification.compensation.kinematic_description import Kinematics, description_text
+from identification.compensation.rotary_axes import lines_of, refuse_large
 from identification.compensation.volume import Volume
 from identification.estimation.fit import fit_machine
 from identification.results.store import load, save

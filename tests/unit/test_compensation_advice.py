@@ -13,8 +13,8 @@ from errormodel.exceptions import InputError
 from errormodel.machine_file import read_machine
 from identification.compensation.advice import Advice, mechanical_advice
 from identification.compensation.field import Field
+from identification.compensation.kinematic_description import Kinematics
 from identification.compensation.result import Compensation
-from identification.compensation.rotary_axes import Kinematics
 from identification.compensation.rows import read_rows
 from identification.compensation.volume import Volume
 from identification.estimation.fit import fit_machine

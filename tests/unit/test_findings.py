@@ -223,10 +223,10 @@ def test_what_cannot_be_told_apart_is_named() -> None:
     assert first.probability is not None
     assert second.probability is not None
     assert second.probability < first.probability < probability < 1 - first.probability - second.probability
-    text = next_measurement(backlash, lost)
+    text = next_measurement(backlash, lost, {})
     assert text.startswith("this data cannot tell backlash of X from lost-motion of X: ")
     assert text.endswith(backlash.separate)
-    assert next_measurement(backlash, None) == backlash.separate
+    assert next_measurement(backlash, None, {}) == backlash.separate
 
 
 RIVALS = [

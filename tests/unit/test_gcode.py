@@ -269,6 +269,31 @@ def test_tables_of_commands() -> None:
             G.rewrite("a.csv", f"X,Y,Z\n{wrong}\n", SETUP, shift)
 
 
+def test_other_columns_of_a_table_of_commands_stay() -> None:
+    plain = 'time,Z,X,Y,what,mx\n0.5,-60,100,20,"a, b",99.97\n1.5,-60,-50,20,,\n'
+    out = G.rewrite("a.csv", plain, SETUP, shift)
+    assert [line.split(",")[0] for line in out.text.splitlines()] == ["time", "0.5", "1.5"]
+    assert out.text.splitlines()[1].endswith(',"a, b",99.97')
+    assert out.text.splitlines()[2].endswith(",,")
+    np.testing.assert_allclose(
+        G.positions("a.csv", out.text, SETUP), [[100.01, 20.01, -59.99], [-49.99, 19.995, -59.9975]], atol=1e-9
+    )
+    assert not out.notes
+    (note,) = G.rewrite("a.csv", "X,Y,Z,target\n100,20,-60,B\n", SETUP, shift).notes
+    assert "column target stays as it is, and is not followed: all rows are for the tip at" in note
+    followed = replace(SETUP, conditions={"load": "load = 14 kg"})
+    (note,) = G.rewrite("a.csv", "X,Y,Z,load\n100,20,-60,0\n", followed, shift).notes
+    assert "column load stays as it is, and is not followed: all rows are for load = 14 kg" in note
+    x, _, z = SETUP.tool
+    G.rewrite("a.csv", f"X,Y,Z,tool_x,tool_z\n100,20,-60,{x},{z}\n", SETUP, shift)
+    with pytest.raises(InputError, match=r"line 3: tool_z .*commands are for the tip at .*--tool"):
+        G.rewrite("a.csv", f"X,Y,Z,tool_z\n100,20,-60,{z}\n100,20,-60,{z + 7}\n", SETUP, shift)
+    with pytest.raises(InputError, match="directions of arrival are those of the rows"):
+        G.rewrite("a.csv", "X,Y,Z,dir_X\n100,20,-60,1\n", SETUP, shift)
+    with pytest.raises(InputError, match="line 2: 3 cells where 4 belong"):
+        G.rewrite("a.csv", "X,Y,Z,time\n100,20,-60\n", SETUP, shift)
+
+
 def test_directions_of_arrival_are_given_to_the_correction() -> None:
     seen: list[Array] = []
 

@@ -60,7 +60,7 @@ def far_turned(fit: Fit, bad: Mask) -> str:
     turned = bad & gross_orientations(fit)
     if not turned.any():
         return ""
-    return f", {1e6 * np.linalg.norm(turned_residuals(fit)[turned], axis=1).max():.0f} urad"
+    return f" and {1e6 * np.linalg.norm(turned_residuals(fit)[turned], axis=1).max():.0f} urad"
 
 
 def masked_rows(fit: Fit, robust: Callable[[], Fit | None], log: DecisionLog = UNRECORDED) -> Mask:

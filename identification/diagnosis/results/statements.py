@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
+from errormodel.arrays import Array
 from errormodel.channels import root
 from errormodel.conventions import FRAME, INSTRUMENT, TOOL, TRANSLATIONS, Motion, iso_symbol, unit_of
-from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.effects.unnamed import Unnamed
 from errormodel.exceptions import enumerated
@@ -357,16 +357,15 @@ def unequal(effect: Effect, others: Sequence[Effect]) -> Iterator[Effect]:
     return (o for o in others if o.effect != effect.effect and not o.empirical)
 
 
-def next_measurement(effect: Effect, alternative: Effect | None) -> str:
-    """The measurement to do; with an alternative that this data cannot distinguish, both by name."""
+def next_measurement(effect: Effect, alternative: Effect | None, columns: Mapping[str, Array]) -> str:
+    """The measurement to do; with an alternative that this data cannot distinguish, both by name.
+
+    `columns`: the survey's channels by name; what they have already is not asked for.
+    """
+    own = effect.recommended(columns)
     if alternative is None:
-        return (
-            f"measure {FIXED_TARGETS}" if effect.empirical and effect.drivers in ((CLOCK,), (ROW,)) else effect.separate
-        )
-    known = (
-        alternative.effect in effect.alike
-        or effect.empirical
-        or registry()[alternative.effect].separate == effect.separate
-    )
-    how = effect.separate if known else f"{effect.separate}; {alternative.separate}"
+        return f"measure {FIXED_TARGETS}" if effect.empirical and effect.drivers in ((CLOCK,), (ROW,)) else own
+    other = alternative.recommended(columns)
+    known = alternative.effect in effect.alike or effect.empirical or other == own
+    how = own if known else f"{own}; {other}"
     return f"this data cannot tell {subject(effect)} from {subject(alternative)}: {how}"

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+from errormodel.arrays import Array
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.constants import CLEARLY
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
@@ -66,8 +67,8 @@ def with_one_more(final: Fit, perhaps: Sequence[Undetected]) -> tuple[OtherEffec
     return tuple(out)
 
 
-def perhaps_there(perhaps: Sequence[Undetected]) -> Iterator[str]:
-    """Notes on what may be there as well, whatever drives it."""
+def perhaps_there(perhaps: Sequence[Undetected], columns: Mapping[str, Array]) -> Iterator[str]:
+    """Notes on what may be there as well, whatever drives it; `columns`: the survey's channels by name."""
     alike = dict[str, list[Undetected]]()
     for one in perhaps:
         alike.setdefault(subject(one.effect), []).append(one)
@@ -77,5 +78,5 @@ def perhaps_there(perhaps: Sequence[Undetected]) -> Iterator[str]:
             yield (
                 f"{'probably' if probability > 0.5 else 'perhaps'} there, with less evidence than a finding needs: "
                 f"{named(what, probability)}. The uncertainty of predictions has it by that probability. To settle it: "
-                f"{next_measurement(own[0].effect, None)}"
+                f"{next_measurement(own[0].effect, None, columns)}"
             )

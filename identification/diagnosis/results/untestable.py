@@ -90,13 +90,13 @@ def unseen(scene: Scene, scores: Scores, found: Collection[Effect], log: Decisio
                 reasons.setdefault(f"{why[0].lower()}{why[1:].split(':')[0]}", []).append(joint.name)
         for reason, places in reasons.items():
             at = "" if len(places) == len(possible) else f"at {', '.join(places)}: "
-            out.append(Untestable(name, at + reason, kind.separate))
+            out.append(Untestable(name, at + reason, kind.recommended(scene.columns)))
     if scene.readings:
-        out += _hidden_forms(scores, found)
+        out += _hidden_forms(scores, found, scene)
     return out
 
 
-def _hidden_forms(scores: Scores, found: Collection[Effect]) -> Iterator[Untestable]:
+def _hidden_forms(scores: Scores, found: Collection[Effect], scene: Scene) -> Iterator[Untestable]:
     """Forms of motions beyond the model that lengths and angles cannot tell from it: they bias what is fitted."""
     hidden: dict[str, dict[str, str]] = {}
     for effect, part in zip(scores.candidates.effects, scores.absorbed, strict=True):
@@ -108,7 +108,7 @@ def _hidden_forms(scores: Scores, found: Collection[Effect]) -> Iterator[Untesta
             f"of {d}: {', '.join(sorted(m for m in forms if forms[m] == d))}" for d in sorted({*forms.values()})
         )
         reason = f"{words}: the geometry absorbs all of it, so that fitted parameters may hold it"
-        yield Untestable(name, reason, registry()[name].separate)
+        yield Untestable(name, reason, registry()[name].recommended(scene.columns))
 
 
 def unconsidered(effect: Effect, scene: Scene) -> str:

@@ -14,7 +14,7 @@ from identification.diagnosis.results.pure_error import Repeats, repeats_of, whi
 from identification.diagnosis.results.residual_dependence import Dependence
 from identification.diagnosis.results.wandering import wandering_text
 from identification.estimation.checks import BEYOND_INSTRUMENT, FEW_DOF, beside_usual, contradictions, times_usual
-from identification.estimation.result import Fit, noise_bounds
+from identification.estimation.result import Beyond, Fit, noise_bounds
 from identification.results.terminal import counted
 
 BINS = 8  # of each channel, in which to look for where most is left over
@@ -28,16 +28,18 @@ CLEAR = 4.0  # standard deviations by which a bin must stand out to be named
 
 @dataclass(frozen=True)
 class Verdict:
-    """The contract's word, what is left over (None: nothing), what to say of the noise, and how much is no noise, um.
+    """The contract's word, what is left over (None: nothing), what to say of the noise, and how much is beyond it, um.
 
     The last is the standard deviation of a coordinate: what exceeds repeats or the declared uncertainty, or what
-    depends on anything recorded, whichever is larger.
+    depends on anything recorded, whichever is larger; `systematic_by` is by what that is known. What exceeds a
+    declared uncertainty, and nothing recorded predicts, may be scatter of each row.
     """
 
     word: str
     unexplained: str | None
     notes: tuple[str, ...] = ()
     systematic_um: float = 0.0
+    systematic_by: Beyond | None = None
 
 
 def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: DecisionLog = UNRECORDED) -> Verdict:
@@ -96,7 +98,9 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
     text = "; ".join(filter(None, (text, *against, depends, wanders, few)))
     excess = _length(final) * float(np.sqrt(1 - 1 / ratio)) if points else 0.0
     systematic = max(excess, dependence.size_um if dependence else 0.0) / float(np.sqrt(3 if points else 1))
-    return Verdict("partly-explained" if found else "unexplained", text, tuple(notes), systematic)
+    by: Beyond = "repeats" if misfits else "recorded" if dependence is not None or wanders else "declared"
+    verdict = "partly-explained" if found else "unexplained"
+    return Verdict(verdict, text, tuple(notes), systematic, by if systematic else None)
 
 
 def no_larger(dependence: Dependence | None, final: Fit) -> Dependence | None:
