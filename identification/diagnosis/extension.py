@@ -12,12 +12,12 @@ from errormodel.effects.base import Effect
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.first_approach import likelier_sides
-from identification.diagnosis.decisions.constants import NO_WORSE
+from identification.diagnosis.decisions.constants import LEAST_EVIDENCE, NO_WORSE
 from identification.diagnosis.decisions.log import DecisionLog, ratio
 from identification.diagnosis.jumps import jumps_instead
 from identification.diagnosis.linear.noise_of_kinds import with_noise_of
 from identification.diagnosis.linear.of_fit import LEAST_RUN, MOST_ROWS, set_up, unused_runs
-from identification.diagnosis.linear.row_residuals import spread
+from identification.diagnosis.linear.row_residuals import noise_mm, spread
 from identification.diagnosis.results.combined_waves import Wave, largest_wave
 from identification.diagnosis.results.effect_size import whole_of
 from identification.diagnosis.results.findings import Untestable
@@ -203,6 +203,9 @@ def that_predicts(
             return model, final, {(s.effect.effect, s.effect.where) for s in large}
         elif (group := _cancelling(model, final, first, fit, log)) is not None:
             model = of_groups(model.start, [g for g in model.findings if g[0] is not group[0]])
+        elif (nothing := _of_second_order(model, final, first, extended, log)) is not None:
+            model, final = nothing
+            continue  # it is fitted
         elif _error(final) <= NO_WORSE * _error(fit):
             gone, shorter, fewer = _with_fewer_refinements(model, final, extended)
             if gone is None:
@@ -233,7 +236,7 @@ def _with_fewer_refinements(
     Lags of one sensor that nearly cancel fit all rows, and miss those of another time by far. Of the error's variance
     much must be beyond that of the residuals.
     """
-    if _error(final) ** 2 < WORTH_A_TRIAL * (spread(final).rms_um or 0.0) ** 2:
+    if _error(final) ** 2 < WORTH_A_TRIAL * _left(final) ** 2:
         return None, model, final
     best: tuple[Step | None, EffectModel, Fit] = None, model, final
     least = _error(final) / NO_WORSE
@@ -264,15 +267,48 @@ def _too_large(model: EffectModel, final: Fit, first: int, log: DecisionLog) -> 
 
 def _cancelling(model: EffectModel, final: Fit, first: int, fit: Fit, log: DecisionLog) -> list[Step] | None:
     """The finding that does most at the tip, where that is far beyond what the plain `fit` leaves of all of them."""
-    left = spread(fit).rms_um or 0.0
-    number = {id(step): first + k for k, step in enumerate(model.steps)}
-    sizes = [whole_of(final, [s.effect for s in g], [number[id(s)] for s in g]).size_um for g in model.findings]
+    left, sizes = _left(fit), _sizes(model, final, first)
     most = int(np.argmax(sizes))
     if not left or sizes[most] <= CANCELS * left:
         return None
     group = model.findings[most]
     log.add("cancels-geometry", "removed", group[0].effect, ratio(sizes[most], left), CANCELS)
     return group
+
+
+def _of_second_order(
+    model: EffectModel, final: Fit, first: int, extended: Callable[[EffectModel], Fit], log: DecisionLog
+) -> tuple[EffectModel, Fit] | None:
+    """The model and its fit without a finding that explains nothing in exact kinematics; None where there is none.
+
+    The search is of first order. Of an effect that moves the tip of a machine of size L by s it leaves s**2 / L, which
+    seems another effect where it is more than the noise.
+    """
+    sizes = _sizes(model, final, first)
+    most = int(np.argmax(sizes))
+    if len(sizes) < 2 or (1e-3 * sizes[most]) ** 2 < final.chain.size * noise_mm(final):
+        return None
+    others = [g for k, g in enumerate(model.findings) if k != most]
+    for group in sorted(others, key=lambda g: g[0].evidence):
+        shorter = of_groups(model.start, [g for g in model.findings if g[0] is not group[0]])
+        fewer = extended(shorter)
+        evidence = final.solution.dof * float(np.log(ratio(_left(fewer), _left(final))))
+        enough = evidence >= LEAST_EVIDENCE
+        log.add("second-order", "kept" if enough else "removed", group[0].effect, evidence, LEAST_EVIDENCE)
+        if not enough:
+            return shorter, fewer
+    return None
+
+
+def _sizes(model: EffectModel, final: Fit, first: int) -> list[float]:
+    """Root mean square of what each finding does at the tip, um."""
+    number = {id(step): first + k for k, step in enumerate(model.steps)}
+    return [whole_of(final, [s.effect for s in g], [number[id(s)] for s in g]).size_um for g in model.findings]
+
+
+def _left(fit: Fit) -> float:
+    """Root mean square residual, um."""
+    return spread(fit).rms_um or 0.0
 
 
 def _by_temperature(effect: Effect) -> bool:

@@ -263,6 +263,11 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "cancels-geometry": Rule(
             COMPARISON, RATIO, "A finding that cancels the geometry is left out.", _in("extension", "CANCELS"),
         ),
+        "second-order": Rule(
+            COMPARISON, EVIDENCE,
+            "Beside one so large that its square shows, a finding that explains nothing in exact kinematics is none.",
+            _decided("LEAST_EVIDENCE"),
+        ),
         "likeliest-sensor": Rule(
             COMPARISON, ERRORS, "A finding follows the likeliest of its sensors, over all lags.", _decided("NO_WORSE")
         ),
