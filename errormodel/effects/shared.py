@@ -193,7 +193,7 @@ def switched(runs: Sequence[str], *, constant: bool = False) -> Iterator[str | t
 
 
 def lags(scene: Scene) -> list[float]:
-    """Candidate time constants of a first-order lag, s: 0, and from half the recording to a 34th of it without rests."""
+    """Candidate lags, s: 0, and from half the recording to a 34th of it without rests."""
     return [0.0, *_slower(scene, 0.5, 7)]
 
 
