@@ -30,7 +30,8 @@ class GantryRacking(JointEffect):
     `channel` is a record of the two drives (``w_...``), or without one the joint across (-1 to 1 over its travel) or
     the direction of approach ``dir_<joint>``: friction drags the bridge askew, and in a second parameter the more, the
     farther `by`, the joint across, has its carriage from the middle (-1 to 1 over its travel). By a record of the
-    drives the joint moves along as well: the bridge turns about the drive whose encoder is controlled, or between both.
+    drives the joint moves `along` as well: the bridge turns about the drive whose encoder is controlled, or between both.
+    Without that it turns about the joint's own origin, which may be such a drive.
     """
 
     effect: ClassVar[str] = "gantry-racking"
@@ -43,6 +44,7 @@ class GantryRacking(JointEffect):
     channel: str  # w_<name>, w_sync_<joint>; without a record of the drives the joint across, or dir_<joint>
     motion: Rotation = "ec"
     by: str | None = None
+    along: bool = True
 
     @model_validator(mode="after")
     def _of_friction(self) -> Self:
@@ -68,7 +70,7 @@ class GantryRacking(JointEffect):
         elif not self.channel.startswith("dir_"):
             value = scaled(joint_as(machine, self.channel, "prismatic", self.effect), value)
         out = [EffectTerm(self.joint, "", unit, {self.motion: value}, size)]
-        if self.channel.startswith("w_"):
+        if self.channel.startswith("w_") and self.along:
             per = f"mm{unit.removeprefix('rad')}"
             out.append(EffectTerm(self.joint, "along", per, along(joint, value), PIVOT * size))
         if self.by:
@@ -84,6 +86,8 @@ class GantryRacking(JointEffect):
         for joint, name in pairs:
             for motion in across(joint, "e"):
                 yield cls(joint=joint.name, channel=name, motion=motion)
+                if name.startswith("w_"):
+                    yield cls(joint=joint.name, channel=name, motion=motion, along=False)
         for joint, other in crossing(scene):
             for motion in across(joint, "e") if scene.both_ways(joint) else ():
                 yield cls(joint=joint.name, channel=f"dir_{joint.name}", motion=motion, by=other.name)

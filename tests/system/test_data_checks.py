@@ -197,6 +197,17 @@ def test_a_zero_that_the_frame_takes_up_is_no_mistake() -> None:
     assert not find_blunders(machine_of("vertical_three_axis"), survey)
 
 
+def test_columns_of_points_that_are_not_whole_are_not_moved() -> None:
+    """One component a row, of a line each, as a laser measures: without three nobody knows where a point lies."""
+
+    def lines(table: pd.DataFrame, _: Machine) -> pd.DataFrame:
+        for k, column in enumerate(XYZ):
+            table.loc[np.arange(len(table)) % 3 != k, column] = np.nan
+        return table
+
+    assert not find_blunders(machine_of("vertical_three_axis"), spoilt("vertical_three_axis", lines))
+
+
 ORDERS = {
     "all late": (late(0, ROWS, 1), "1 row too late"),
     "early": (late(0, ROWS, -2), "2 rows too early"),

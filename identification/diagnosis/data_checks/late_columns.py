@@ -29,6 +29,8 @@ def late_column(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> 
     if len(rows) < FEWEST + LATEST:
         return None
     columns, fixed = sheet(chain, survey.table.iloc[rows[:MOST]]), survey.frame == "fixed"
+    if len(Points.of(chain, columns, fixed).measured_whole) < FEWEST + LATEST:
+        return None
     before = _misfit(chain, columns, fixed)
     if not before > TWO * chain.size:
         return None
