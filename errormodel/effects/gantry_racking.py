@@ -30,8 +30,8 @@ class GantryRacking(JointEffect):
     `channel` is a record of the two drives (``w_...``), or without one the joint across (-1 to 1 over its travel) or
     the direction of approach ``dir_<joint>``: friction drags the bridge askew, and in a second parameter the more, the
     farther `by`, the joint across, has its carriage from the middle (-1 to 1 over its travel). By a record of the
-    drives the joint moves `along` as well: the bridge turns about the drive whose encoder is controlled, or between both.
-    Without that it turns about the joint's own origin, which may be such a drive.
+    drives the joint moves `along` as well: the bridge turns about the drive whose encoder is controlled, or between
+    both; without that about the joint's own origin, which may be such a drive.
     """
 
     effect: ClassVar[str] = "gantry-racking"

@@ -13,8 +13,9 @@ from errormodel.effects.base import Effect
 from errormodel.effects.unnamed import Unnamed
 from identification.diagnosis.decisions.constants import NO_WORSE
 from identification.diagnosis.decisions.log import DecisionLog, ratio
-from identification.diagnosis.extension import Explanation, that_predicts
+from identification.diagnosis.extension import Explanation
 from identification.diagnosis.jumps import jump_of
+from identification.diagnosis.kept_findings import that_predicts
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.noise_of_kinds import kinds_of
 from identification.diagnosis.linear.of_fit import set_up

@@ -50,7 +50,7 @@ LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
     "line-of-sight": (("identification.diagnosis.extension", "tracker_noise", _none),),
     "second-cause": ((_COMPARED, "_second_causes", _nothing), (_COMPARED, "_two_names", _nothing)),
     "model-cross-validation": ((_COMPARED, "NO_WORSE", FOREVER),),
-    "prediction-made-worse": (("identification.diagnosis.extension", "NO_WORSE", FOREVER),),
+    "prediction-made-worse": (("identification.diagnosis.kept_findings", "NO_WORSE", FOREVER),),
     "wanders-instead": (("identification.diagnosis.extension", "without_wanderers", lambda m, log: (m, None)),),
     "wave-of-two-joints": (("identification.diagnosis.extension", "largest_wave", _none),),
     "unlikely-name": ((_RESULTS + "nameless_alternative", "probability_of", lambda step: 1.0),),
@@ -62,7 +62,7 @@ LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
     "physical-bound": ((_RESULTS + "physical_limits", "CONTRADICTED_SIGMA", FOREVER),),
     "physical-size": (
         (_RESULTS + "physical_limits", "LARGEST", FOREVER),
-        ("identification.diagnosis.extension", "LARGEST", FOREVER),
+        ("identification.diagnosis.kept_findings", "LARGEST", FOREVER),
     ),
     "name-again": (("identification.diagnosis.extension", "with_names_again", _same),),
     "whole-model": (("identification.diagnosis.extension", "with_likelier_names", _same),),

@@ -9,7 +9,7 @@ import pytest
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from errormodel.survey import Survey
-from identification.diagnosis import extension
+from identification.diagnosis import kept_findings
 from identification.diagnosis.pipeline import diagnose
 from tests.helpers.diagnosed import empty_survey, showing
 
@@ -59,7 +59,7 @@ def test_what_no_member_does_has_no_name() -> None:
 @pytest.mark.long
 def test_without_a_cause_that_is_too_large_it_is_looked_for_another(monkeypatch: pytest.MonkeyPatch) -> None:
     """A member that moves by 80 um/K, where 30 are taken to be the most: something without that name is looked for."""
-    monkeypatch.setattr(extension, "LARGEST", 3.0)
+    monkeypatch.setattr(kept_findings, "LARGEST", 3.0)
     survey = empty_survey(MACHINE, 220, 12, channels=True, grid=False)
     fields: dict[str, object] = {"element": "column", "motion": "dy", "sensor": "T_0"}
     moved = showing(survey, MACHINE, [(EffectSpec("structure-drift", fields), [0.08])], 0.003)

@@ -181,7 +181,11 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _decided("NO_WORSE"),
         ),
         "cancels-geometry": Rule(
-            COMPARISON, RATIO, "A finding that cancels the geometry is left out.", _in("extension", "CANCELS"),
+            COMPARISON, RATIO, "A finding that cancels the geometry is left out.", _in("kept_findings", "CANCELS"),
+        ),
+        "opposed-parts": Rule(
+            COMPARISON, RATIO, "Of a finding whose parts cancel the first stays, where the rest mends little.",
+            _in("kept_findings", "OPPOSED", "LITTLE_WORSE"),
         ),
         "second-order": Rule(
             COMPARISON, EVIDENCE,
@@ -243,7 +247,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "physical-size": Rule(
             NAMES, "times the usual size", "So does one that is far larger than the widest of the prior distributions.",
-            _decided("SIZES") + _in("results.physical_limits", "LARGEST") + _in("extension", "LARGEST"),
+            _decided("SIZES") + _in("results.physical_limits", "LARGEST") + _in("kept_findings", "LARGEST"),
         ),
         "distinguishable": Rule(
             NAMES, "decimal logarithm of the Bayes factor",
