@@ -198,8 +198,7 @@ def test_a_zero_that_the_frame_takes_up_is_no_mistake() -> None:
 
 
 def test_columns_of_points_that_are_not_whole_are_not_moved() -> None:
-    """One component a row, as a laser measures a line."""
-    only = np.arange(ROWS)[:, None] % 3 == np.arange(3)
+    only = np.arange(ROWS)[:, None] % 3 == np.arange(3)  # one component a row, as a laser measures a line
     survey = spoilt("vertical_three_axis", lambda t, _: t.assign(**t[XYZ].where(only)))
     assert not find_blunders(machine_of("vertical_three_axis"), survey)
 
