@@ -42,6 +42,7 @@ from identification.diagnosis.linear.row_residuals import by_observation, noise_
 from identification.diagnosis.results.aliased_periods import aliased_periods
 from identification.diagnosis.results.beyond_recorded import known_where_recorded
 from identification.diagnosis.results.diagnosed import Diagnosed
+from identification.diagnosis.results.doubtful_rows import doubtful_rows
 from identification.diagnosis.results.effect_size import whole_of
 from identification.diagnosis.results.findings import (
     Diagnosis,
@@ -232,6 +233,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
             *(f"{name} drives nothing: {reason}" for name, reason in dead.items()),
             *contrary_sides(survey, log),
             *aliased_periods(model),
+            *doubtful_rows(final),
             *perhaps_there(perhaps, model.linear.scene.columns),
             *(untimed_path(model.linear) if findings or verdict.word != "adequate" else ()),
             *verdict.notes,

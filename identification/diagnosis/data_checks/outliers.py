@@ -39,7 +39,7 @@ def gross_rows(fit: Fit, log: DecisionLog = UNRECORDED, *, earlier: Mask | None 
         contaminate normal noise are outliers too. That some do is a new finding only where there were none.
     """
     least = np.inf if earlier is None else np.log(DECISIVE_ODDS) if earlier.any() else LEAST_EVIDENCE
-    gross = _gross(fit, _alike(fit, fit.residuals), log, least)
+    gross = _gross(fit, of_one_noise(fit, fit.residuals), log, least)
     if fit.readings is not None:
         names = observed(fit.survey.table)
         for label in fit.survey.observations:  # each has a noise of its own
@@ -68,13 +68,13 @@ def masked_rows(fit: Fit, robust: Callable[[], Fit | None], log: DecisionLog = U
 
     It is asked for where one row holds a share of all squared residuals that only accidents have.
     """
-    square = np.nansum(np.square(_alike(fit, fit.residuals)), axis=1)
+    square = np.nansum(np.square(of_one_noise(fit, fit.residuals)), axis=1)
     if not square.max(initial=0.0) > MOST * square.sum() or (other := robust()) is None or other.sorting is None:
         return np.zeros(len(square), dtype=bool)
-    return _gross(other, _alike(other, other.sorting.residuals), log)
+    return _gross(other, of_one_noise(other, other.sorting.residuals), log)
 
 
-def _alike(fit: Fit, residuals: Array) -> Array:
+def of_one_noise(fit: Fit, residuals: Array) -> Array:
     """Residuals of positions (n, 3), mm, as of one noise: each in its declared uncertainty, times the mean one.
 
     What is less certain than the rest (far from a tracker, along its angles) is no tail of the noise.
