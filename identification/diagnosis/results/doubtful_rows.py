@@ -34,10 +34,11 @@ def doubtful_rows(fit: Fit) -> tuple[str, ...]:
     sizes = np.sqrt(square[far] * measured[seen][far]) / rest
     rows = fit.survey.table["row"].to_numpy()[seen][far]
     times = np.sqrt(square.mean()) / rest
+    odds = float(f"{np.exp(lead):.2g}")
     which = f"rows {listed(rows.tolist())} lie {sizes.min():.2g} to" if len(rows) > 1 else f"row {rows[0]} lies"
     return (
         f"{which} {sizes.max():.2g} standard deviations of the other rows from the model: wrong by odds of "
-        f"{float(f'{np.exp(lead):.2g}'):g} to 1 against heavy tails of the noise, which is less than outliers need; with "
+        f"{odds:g} to 1 against heavy tails of the noise, which is less than outliers need; with "
         f"{'them' if len(rows) > 1 else 'it'} the noise seems {times:.3g} times as large. Measure there again, or fit "
         "with --robust",
     )
