@@ -196,7 +196,8 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     for g in model.findings:
         cause = _finding(g, model, final, found.before, first, found.witnessed.get(g[0].effect, []), log)
         causes.append(checked_alternative(cause, *earlier.get(g[0].effect.key, (model, g)), functions, log))
-    nameless = [g[0].effect for g, cause in zip(model.findings, causes, strict=True) if cause.nameless]
+    # in a form that is not its name
+    nameless = [g[0].effect for g, c in zip(model.findings, causes, strict=True) if c.effect != g[0].effect.effect]
     # in the rows that are fitted both are the same, and what is beyond them takes several times as long
     others = other_effects(final, model, first)
     known = {g[0].effect.key for g in model.findings}

@@ -230,6 +230,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _decided("CLEARLY", "CHOSEN", "UNKNOWN"),
         ),
         "unlikely-name": Rule(NAMES, "probability", "A name that is less likely than not is none.", _decided("EVEN")),
+        "curve-of-its-axis": Rule(
+            NAMES, "probability", "A motion by its own axis's position alone without another name is of higher order.",
+            _decided("EVEN"),
+        ),
         "name-again": Rule(
             NAMES, EVIDENCE, "A form that does not lead a name clearly at last has that name.", _decided("CLEARLY")
         ),

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from identification.diagnosis.decisions.constants import (
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.known_models import of_any_size
 from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.results.curve_of_axis import of_higher_order, of_its_axis
 from identification.diagnosis.results.findings import Alternative, Finding, probabilities_of, probability_of
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.physical_limits import nameless
@@ -49,6 +51,13 @@ from identification.results.terminal import counted
 
 # minus the log prior probability of a departure as large as the form: the exponential distribution of `DEPARTURES`
 DEPARTURE_COST = max(DEPARTURES.values()) / max(DEPARTURES)
+
+
+class Refused(NamedTuple):
+    """Why a finding has no name; `instead`: the function without one that explains as much, where that is why."""
+
+    reason: str
+    instead: Functions | None = None
 
 
 @dataclass(frozen=True)
@@ -86,11 +95,17 @@ class _Remainder:
 def checked_alternative(
     finding: Finding, model: EffectModel, group: Sequence[Step], functions: Sequence[Functions], log: DecisionLog
 ) -> Finding:
-    """The finding without its name where this is refused (`refusal`)."""
+    """The finding without its name where this is refused (`refusal`), or as a curve of its axis, which needs none."""
     main = group[0].effect
-    if main.empirical or finding.nameless or (reason := refusal(model, group, functions, log)) is None:
+    if main.empirical or finding.nameless or (refused := refusal(model, group, functions, log)) is None:
         return finding
-    without_name = nameless(finding, reason)
+    instead = refused.instead
+    if (instead is None or _of_its_motion(model.without(group), main, instead)) and (
+        probability := of_its_axis(model, group, instead)
+    ) >= EVEN:
+        log.add("curve-of-its-axis", "preferred", main, probability, EVEN)
+        return of_higher_order(finding, refused.reason, probability)
+    without_name = nameless(finding, refused.reason)
     if probability_of(group[0]) >= EVEN:
         return without_name
     name = Alternative(main.effect, main.where, 0.0, False, finding.motion, finding.driver, finding.probability)
@@ -98,12 +113,14 @@ def checked_alternative(
     return replace(without_name, alternatives=[name, *finding.alternatives])
 
 
-def refusal(model: EffectModel, group: Sequence[Step], functions: Sequence[Functions], log: DecisionLog) -> str | None:
+def refusal(
+    model: EffectModel, group: Sequence[Step], functions: Sequence[Functions], log: DecisionLog
+) -> Refused | None:
     """Why a finding of a model has no name: one of the `functions` has more evidence, or leaves as much beside it."""
     main = group[0].effect
     if (probability := probability_of(group[0])) < EVEN:
         log.add("unlikely-name", "refused", main, probability, EVEN)
-        return "other explanations together are likelier"
+        return Refused("other explanations together are likelier")
     without = model.without(group)
     if main.flexible:  # any curve of its motion by what drives it has this name
         own_curve = partial(_of_its_motion, without, main)
@@ -116,7 +133,7 @@ def refusal(model: EffectModel, group: Sequence[Step], functions: Sequence[Funct
         bare = model.without([*group, *others])
         words = _Remainder.of(bare, _of_any_size(bare, effects)[1], functions).much(main, log)
     if words:
-        return f"beside it as much is left, without a name ({words})"
+        return Refused(f"beside it as much is left, without a name ({words})")
     courses = in_one_motion(without, effects)
     single, _, motion = best_of(without, courses)
     single -= float(np.log(max(len(courses), 1)))  # each of these motions is as likely
@@ -138,7 +155,7 @@ def refusal(model: EffectModel, group: Sequence[Step], functions: Sequence[Funct
     if lead > 0:
         return None
     findings = f" as the {counted(len(together), 'finding')} of this joint" if together else ""
-    return f"a function without a name explains as much{findings} ({_words(best)})"
+    return Refused(f"a function without a name explains as much{findings} ({_words(best)})", best)
 
 
 def _by_the_same(model: EffectModel, group: Sequence[Step]) -> list[Step]:
@@ -212,7 +229,7 @@ def _each_once(model: EffectModel) -> EffectModel:
     return model if len(groups) == len(model.findings) else of_groups(model.start, list(groups.values()))
 
 
-def _refused(model: EffectModel, number: int, log: DecisionLog) -> str | None:
+def _refused(model: EffectModel, number: int, log: DecisionLog) -> Refused | None:
     """Why a finding has no name, by all functions that were recorded."""
     functions = recorded(model.start, np.unique(model.start.index))
     return refusal(model, model.findings[number], functions, log)

@@ -1,0 +1,66 @@
+"""An error motion that follows its own axis's position alone is its geometry of higher order, whatever its form.
+
+A knee, a dent and a sag are such curves with a name of their own. Where none of these is likelier than not, what they
+have in common still is; and a function without a name of that motion by that position has one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from errormodel.channels import root
+from errormodel.effects.base import Effect
+from errormodel.effects.higher_order_geometry import HigherOrderGeometry
+from identification.diagnosis.decisions.constants import EVEN
+from identification.diagnosis.results.findings import Alternative, Finding, probabilities_of
+from identification.diagnosis.results.recorded_functions import Functions
+from identification.diagnosis.search.model import EffectModel
+from identification.diagnosis.search.scoring import Step
+
+
+def of_its_axis(model: EffectModel, group: Sequence[Step], instead: Functions | None) -> float:
+    """Probability that a finding whose name is refused is a curve of its own axis; 0 where something else is left.
+
+    Parameters
+    ----------
+    group : the steps of the finding in the model.
+    instead : the function without a name that explains as much, where the name is refused for that.
+    """
+    main, probabilities = group[0].effect, probabilities_of(group[0])
+    others = [g[0].effect for g in model.findings if g[0] is not group[0] and g[0].effect.where == main.where]
+    if any(e.empirical or e.effect == HigherOrderGeometry.effect for e in others):
+        return 0.0  # of which it may be a part
+    if not all(_by_its_own(s.effect, main.where) for s in group):
+        return 0.0
+    if instead is not None:
+        return probabilities[main.effect] if {*map(root, instead.channels)} == {main.where} else 0.0
+    if probabilities[main.effect] >= EVEN:  # it has a name, beside which as much is left
+        return 0.0
+    curves = {s.effect.effect for s in (group[0], *group[0].alternatives) if _by_its_own(s.effect, main.where)}
+    return sum(probabilities[name] for name in curves)
+
+
+def _by_its_own(effect: Effect, axis: str) -> bool:
+    return not effect.empirical and effect.where == axis and {*map(root, effect.drivers)} == {axis}
+
+
+def of_higher_order(finding: Finding, reason: str, probability: float) -> Finding:
+    """The finding as geometry of higher order, in a form whose own name is refused for a reason."""
+    word = HigherOrderGeometry.effect
+    if finding.effect == word:
+        return replace(finding, probability=probability)
+    form = f"{finding.effect} of {finding.where}"
+    own = Alternative(finding.effect, finding.where, 0.0, False, finding.motion, finding.driver, 0.0)
+    return replace(
+        finding,
+        effect=word,
+        statement=(
+            f"{word.capitalize()} of {finding.where}: an error motion by its own position. It follows the form of a "
+            f"{form}, but cannot be called one: {reason}. As that form it reads: {finding.statement}"
+        ),
+        brief=f"{word} of {finding.where}, in the form of a {finding.brief or form}",
+        positive="",
+        probability=probability,
+        alternatives=[own, *(a for a in finding.alternatives if a.effect != word)],
+    )
