@@ -11,7 +11,6 @@ from dataclasses import replace
 
 from errormodel.channels import root
 from errormodel.effects.base import Effect
-from errormodel.effects.higher_order_geometry import HigherOrderGeometry
 from identification.diagnosis.decisions.constants import EVEN
 from identification.diagnosis.results.findings import Alternative, Finding, probabilities_of
 from identification.diagnosis.results.recorded_functions import Functions
@@ -19,8 +18,8 @@ from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.scoring import Step
 
 
-def of_its_axis(model: EffectModel, group: Sequence[Step], instead: Functions | None) -> float:
-    """Probability that a finding whose name is refused is a curve of its own axis; 0 where something else is left.
+def of_its_axis(model: EffectModel, group: Sequence[Step], instead: Functions | None) -> tuple[Effect | None, float]:
+    """The curve of its own axis that a finding is whose name is refused, and its probability; None where it is none.
 
     Parameters
     ----------
@@ -28,26 +27,27 @@ def of_its_axis(model: EffectModel, group: Sequence[Step], instead: Functions | 
     instead : the function without a name that explains as much, where the name is refused for that.
     """
     main, probabilities = group[0].effect, probabilities_of(group[0])
+    forms = [s.effect for s in (group[0], *group[0].alternatives) if _by_its_own(s.effect, main.where)]
+    curve = next((e for e in forms if e.flexible), None)
     others = [g[0].effect for g in model.findings if g[0] is not group[0] and g[0].effect.where == main.where]
-    if any(e.empirical or e.effect == HigherOrderGeometry.effect for e in others):
-        return 0.0  # of which it may be a part
-    if not all(_by_its_own(s.effect, main.where) for s in group):
-        return 0.0
+    if curve is None or not all(_by_its_own(s.effect, main.where) for s in group):
+        return None, 0.0
+    if any(e.empirical or e.effect == curve.effect for e in others):
+        return None, 0.0  # of which it may be a part
     if instead is not None:
-        return probabilities[main.effect] if {*map(root, instead.channels)} == {main.where} else 0.0
+        return curve, probabilities[main.effect] if {*map(root, instead.channels)} == {main.where} else 0.0
     if probabilities[main.effect] >= EVEN:  # it has a name, beside which as much is left
-        return 0.0
-    curves = {s.effect.effect for s in (group[0], *group[0].alternatives) if _by_its_own(s.effect, main.where)}
-    return sum(probabilities[name] for name in curves)
+        return None, 0.0
+    return curve, sum(probabilities[name] for name in {e.effect for e in forms})
 
 
 def _by_its_own(effect: Effect, axis: str) -> bool:
     return not effect.empirical and effect.where == axis and {*map(root, effect.drivers)} == {axis}
 
 
-def of_higher_order(finding: Finding, reason: str, probability: float) -> Finding:
-    """The finding as geometry of higher order, in a form whose own name is refused for a reason."""
-    word = HigherOrderGeometry.effect
+def as_curve(finding: Finding, curve: Effect, reason: str, probability: float) -> Finding:
+    """The finding by the name of a curve of its axis, in a form whose own name is refused for a reason."""
+    word = curve.effect
     if finding.effect == word:
         return replace(finding, probability=probability)
     form = f"{finding.effect} of {finding.where}"

@@ -31,7 +31,7 @@ from identification.diagnosis.decisions.constants import (
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.known_models import of_any_size
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.results.curve_of_axis import of_higher_order, of_its_axis
+from identification.diagnosis.results.curve_of_axis import as_curve, of_its_axis
 from identification.diagnosis.results.findings import Alternative, Finding, probabilities_of, probability_of
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.physical_limits import nameless
@@ -99,12 +99,11 @@ def checked_alternative(
     main = group[0].effect
     if main.empirical or finding.nameless or (refused := refusal(model, group, functions, log)) is None:
         return finding
-    instead = refused.instead
-    if (instead is None or _of_its_motion(model.without(group), main, instead)) and (
-        probability := of_its_axis(model, group, instead)
-    ) >= EVEN:
-        log.add("curve-of-its-axis", "preferred", main, probability, EVEN)
-        return of_higher_order(finding, refused.reason, probability)
+    curve, probability = of_its_axis(model, group, refused.instead)
+    other = refused.instead is not None and not _of_its_motion(model.without(group), main, refused.instead)
+    if curve is not None and probability >= EVEN and not other:
+        log.add("curve-of-its-axis", "preferred", curve, probability, EVEN, beside=main)
+        return as_curve(finding, curve, refused.reason, probability)
     without_name = nameless(finding, refused.reason)
     if probability_of(group[0]) >= EVEN:
         return without_name
