@@ -115,7 +115,7 @@ def _read_again(table: pd.DataFrame, chain: Chain, places: list[Index]) -> list[
     nominal = _points(chain, table.iloc[rows])
     first = nominal[starts]
     apart = np.maximum.reduceat(np.linalg.norm(nominal - np.repeat(first, sizes, axis=0), axis=1), starts)
-    next_place = KDTree(first).query(first, k=2)[0][:, 1]  # infinite of a single one
+    next_place = np.asarray(KDTree(first).query(first, k=2)[0])[:, 1]  # infinite of a single one
     near = (sizes > 1) & (apart < np.minimum(NEAR_MM, FAR_BELOW * next_place))
     if (near & (different > 1)).sum() < FEWEST:
         near &= different > 1  # else scales may read the same again as well

@@ -140,7 +140,7 @@ def _copied_touches(table: pd.DataFrame, chain: Chain, again: Mask) -> Mask:
 
     linear = [j.name for j in chain.machine.joints if j.type == "prismatic"]
     place = [*MEASURED, "frame", *(c for c in _commands(chain) if c not in linear)]
-    alike = again & table.duplicated(subset=[*place, *linear]).to_numpy()
+    alike: Mask = again & table.duplicated(subset=[*place, *linear]).to_numpy(dtype=bool)
     steps = table.groupby(place, sort=False)[linear].diff().to_numpy()[again]
     expected = _expected(steps[np.isfinite(steps).all(axis=1)] == 0) if linear else None
     if not alike.any() or expected is None or poisson.sf(alike.sum() - 1, expected) > CHANCE:
