@@ -52,7 +52,7 @@ from errormodel.surveys.states import planned
 from errormodel.surveys.target_places import places_of
 from errormodel.surveys.temperature_steps import step_notes
 from errormodel.surveys.temperatures import fahrenheit_notes
-from errormodel.surveys.touched_places import with_nominal_commands
+from errormodel.surveys.touched_places import note_read_again, with_nominal_commands
 from errormodel.surveys.travels import travel_notes
 from errormodel.yamlfile import Document
 
@@ -264,7 +264,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     if measured:
         refuse_diameters(table, machine)
         table, touched = with_nominal_commands(table, machine, form.frame, rotation)
-        notes |= dict.fromkeys(touched)
+        notes |= dict.fromkeys((*touched, *note_read_again(table, machine, form.frame)))
     return Survey(
         table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes), tuple(form.budget),
         frame_rotation=rotation, record=form.test, observations=form.observations, scatter=all(scatter),

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 FEWEST = 4  # rows a place, on average
 NEAR_MM = 1.0  # of the nominal points, and of distances between places: what a machine is off
+FAR_BELOW = 0.1  # of the distance to the next place: readings held by a machine that moves lie half of it apart
 LEAST_MM = 2e-3  # of the nominal points: commands rounded to a micrometre lie less off
 DIGITS = 6  # behind the decimal point, mm: positions of one pose are the same
 
@@ -65,18 +66,71 @@ def with_nominal_commands(
     return new, [note]
 
 
-def touched_again(table: pd.DataFrame, machine: Machine, frame: Frame) -> Mask:
-    """Rows (n,) of places that were measured again and again at other commands, as a ball in many poses is.
+def touched_again(table: pd.DataFrame, chain: Chain, frame: Frame) -> Mask:
+    """Rows (n,) of places that were given and read again: balls in many poses, those of a ball plate, a ring.
 
-    Most places are so; where an instrument had stopped, one of many is.
+    Either most places are read at many commands; or a place is read at commands that differ by what scales read and a
+    machine is off, far less than the next place is away (`_read_again`). Where an instrument had stopped, one of many
+    places is read at many commands, and these differ by as much as those of other readings.
     """
     out = np.zeros(len(table), dtype=bool)
-    joints = [j.name for j in machine.joints]
+    joints = [j.name for j in chain.machine.joints]
     for places in _of_frames(table, joints, frame):
-        if np.median([len(table.iloc[rows][joints].drop_duplicates()) for rows in places]) >= FEWEST:
-            for rows in places:
-                out[rows] = True
+        at_many = (
+            sum(map(len, places)) >= FEWEST * len(places) and np.median(_different(table, joints, places)) >= FEWEST
+        )
+        for rows in places if at_many else _read_again(table, chain, places):
+            out[rows] = True
     return out
+
+
+def note_read_again(table: pd.DataFrame, machine: Machine, frame: Frame) -> list[str]:
+    """A note on the places that were read again at nearly the same position; none where there are none."""
+    from errormodel.chain import Chain
+
+    joints = [j.name for j in machine.joints]
+    found = [rows for places in _of_frames(table, joints, frame) for rows in _read_again(table, Chain(machine), places)]
+    if not found:
+        return []
+    return [
+        f"{sum(map(len, found))} rows read {len(found)} places again: the same mx my mz to the last digit, at commands "
+        "that are nearly the same. They are taken as places of what was probed, such as the balls of a calibrated "
+        "plate, with indicated positions as commands, and as no copies"
+    ]
+
+
+def _read_again(table: pd.DataFrame, chain: Chain, places: list[Index]) -> list[Index]:
+    """Rows of the places that were read again at nearly the same position, by the distances between nominal points.
+
+    An instrument that had stopped reads the same in rows that follow each other: such rows are readings of a place only
+    where most places are read so. Commands must differ, though at some of many places coarse scales read the same.
+    """
+    different = _different(table, [j.name for j in chain.machine.joints], places)
+    if different.max() < 2:
+        return []
+    from scipy.spatial import KDTree
+
+    rows, sizes = np.concatenate(places), np.array([len(own) for own in places])
+    starts = np.cumsum(sizes) - sizes
+    nominal = _points(chain, table.iloc[rows])
+    first = nominal[starts]
+    apart = np.maximum.reduceat(np.linalg.norm(nominal - np.repeat(first, sizes, axis=0), axis=1), starts)
+    next_place = np.asarray(KDTree(first).query(first, k=2)[0])[:, 1]  # infinite of a single one
+    near = (sizes > 1) & (apart < np.minimum(NEAR_MM, FAR_BELOW * next_place))
+    if (near & (different > 1)).sum() < FEWEST:
+        near &= different > 1  # else scales may read the same again as well
+    if np.median(sizes) < 2:
+        order = np.empty(len(table), dtype=np.intp)
+        order[np.sort(rows)] = np.arange(len(rows))
+        near &= [bool((np.diff(order[own]) > 1).all()) for own in places]  # left, and come back to each time
+    return [own for own, so in zip(places, near, strict=True) if so]
+
+
+def _different(table: pd.DataFrame, joints: list[str], places: list[Index]) -> Index:
+    """Number of different commands at each place."""
+    place = np.repeat(np.arange(len(places)), [len(rows) for rows in places])
+    commands = table.iloc[np.concatenate(places)][joints].assign(place=place)
+    return np.bincount(commands.drop_duplicates()["place"].to_numpy(), minlength=len(places))
 
 
 def _repeated(table: pd.DataFrame, machine: Machine, frame: Frame) -> list[Index]:
@@ -84,20 +138,24 @@ def _repeated(table: pd.DataFrame, machine: Machine, frame: Frame) -> list[Index
     linear = [j.name for j in machine.joints if j.type == "prismatic"]
     if len(linear) < 3:
         return []
-    of_place = (rows for places in _of_frames(table, linear, frame) for rows in places)
+    of_place = (
+        rows
+        for places in _of_frames(table, linear, frame)
+        if sum(map(len, places)) >= FEWEST * len(places)  # else they are readings, of which some were repeated
+        for rows in places
+    )
     return [rows for rows in of_place if (table.iloc[rows][linear].nunique() > 1).any()]
 
 
 def _of_frames(table: pd.DataFrame, joints: list[str], frame: Frame) -> Iterator[list[Index]]:
-    """The rows of each measured point, where one stands for `FEWEST` rows on average, by measuring frame."""
+    """The rows of each measured point, by the measuring frames in which one comes several times."""
     frames = {"per-run": "run", "per-file": "file"}.get(frame)
     seen = np.flatnonzero(table[list(MEASURED)].notna().all(axis=1).to_numpy() & table[joints].notna().all(axis=1))
     labels = table[frames].to_numpy(dtype=object)[seen] if frames else np.full(len(seen), "", dtype=object)
     for label in dict.fromkeys(labels):
         own = seen[labels == label]
-        places = [own[g] for g in table.iloc[own].groupby(list(MEASURED), sort=False).indices.values()]
-        if len(own) >= FEWEST * len(places):  # else some reading was repeated, as by an instrument that had stopped
-            yield places
+        if table.iloc[own].duplicated(subset=list(MEASURED)).any():
+            yield [own[g] for g in table.iloc[own].groupby(list(MEASURED), sort=False).indices.values()]
 
 
 def _nominal(

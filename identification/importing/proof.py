@@ -270,11 +270,18 @@ def _cure(blunder: Blunder, machine: Machine) -> str:
         return "Import the files of each station by themselves, or say --columns station=.."
     if "repeat what earlier rows measured" in text:
         rows = _stretches(blunder.rows or ())
-        return f"A copy is no reading: leave it out with --leave-out {rows if len(rows) <= SPOKEN else 'and its rows'}"
+        which = rows if len(rows) <= SPOKEN else "and its rows"
+        return (
+            "A copy is no reading: take it out of the table, or leave it out of an import: `errormodel import` "
+            f"--leave-out {which}"
+        )
     if blunder.rows:
         rows = _stretches(blunder.rows)
-        rest = f": --leave-out {rows}" if len(rows) <= SPOKEN else " with --leave-out and their numbers"
-        return f"--columns is of all rows: correct these in a copy of the table, or leave them out{rest}"
+        rest = f"--leave-out {rows}" if len(rows) <= SPOKEN else "--leave-out and their numbers"
+        return (
+            "--columns is of all rows: correct these in a copy of the table, or leave them out: `errormodel import` "
+            f"{rest}"
+        )
     if blunder.in_diameters:
         return said(blunder.in_diameters)
     if DEGREES in text:

@@ -33,7 +33,7 @@ def refused(table: pd.DataFrame, folder: Path) -> str:
 def test_a_sign_in_some_rows_is_left_out_by_their_numbers(table: pd.DataFrame, tmp_path: Path) -> None:
     wrong = table.copy()
     wrong.loc[50:79, "J3"] *= -1
-    assert "leave them out: --leave-out 51-80" in refused(wrong, tmp_path)
+    assert "leave them out: `errormodel import` --leave-out 51-80" in refused(wrong, tmp_path)
     assert len(import_survey(tmp_path / "arm.csv", ARM, leave_out=["51-80"]).survey) == 50
 
 
@@ -46,7 +46,7 @@ def test_one_joint_in_radians_is_named(table: pd.DataFrame, tmp_path: Path) -> N
 
 
 def test_copies_are_named_as_they_are_left_out(table: pd.DataFrame, tmp_path: Path) -> None:
-    assert "--leave-out 81" in refused(pd.concat([table, table.iloc[[10]]]), tmp_path)
+    assert "`errormodel import` --leave-out 81" in refused(pd.concat([table, table.iloc[[10]]]), tmp_path)
     import_survey(tmp_path / "arm.csv", ARM, leave_out=["81"])
 
 

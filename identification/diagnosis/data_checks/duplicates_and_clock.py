@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Index
+from errormodel.arrays import Index, Mask
 from errormodel.chain import Chain
 from errormodel.effects.clock_offset import ClockOffset
 from errormodel.exceptions import InputError
@@ -34,10 +34,11 @@ def copied_rows(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> 
     """Rows whose measured point is an earlier row's to the last digit, though noise would not have it so; left out.
 
     Whole rows with a time of their own are copies in any case, and so is a point read again at another place (the
-    instrument had stopped); in another frame it is another point. Where most points are read again and again, they are
-    the places of what was touched, whose rows differ by their commands: a mistake there makes no copies. Repeats of a
-    pose may agree by chance where readings are coarse, and without noise do: where hardly any differ, by the noise that
-    a fit without them finds.
+    instrument had stopped); in another frame it is another point. Places of what was touched stand in many rows, which
+    differ by their commands (`touched_again`): a mistake there makes no copies, and of them only rows whose commands
+    agree as well are copies, where the readings of scales would not have it so by chance. Repeats of a pose may agree
+    by chance where readings are coarse, and without noise do: where hardly any differ, by the noise that a fit without
+    them finds.
     """
     table, rows = survey.table, np.sort(np.concatenate([np.zeros(0, np.intp), *groups(survey)]))
     if len(rows) < 2:
@@ -55,7 +56,7 @@ def copied_rows(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> 
     elsewhere = np.linalg.norm(points - points[earlier], axis=1) > MACHINE_ERROR_SHARE * chain.size
     timed = "time" in part and part["time"].nunique() > len(part) / 4
     whole = part.drop(columns=["row", "file"]).duplicated().to_numpy() & timed
-    touched = touched_again(table, chain.machine, survey.frame)[rows]
+    touched = touched_again(table, chain, survey.frame)[rows]
     bad = again & (elsewhere & ~touched | whole)
     repeats = again & ~bad & ~touched
     if repeats.any():
@@ -65,6 +66,7 @@ def copied_rows(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> 
         for some, by_chance in ((at_pose, _agree_at_poses), (repeats & ~at_pose, _agree_anywhere)):
             if some.any() and not by_chance(part, chain, int(some.sum()), rest):
                 bad |= some
+    bad |= _copied_touches(part.assign(frame=frame), chain, touched & again)
     if not bad.any():
         log.add("copied-rows", "passed", "rows", int(again.sum()), beside="they agree by chance")
         return None
@@ -123,15 +125,38 @@ def _agree_at_poses(table: pd.DataFrame, chain: Chain, count: int, rest: Survey)
 
     pose = table.groupby(_commands(chain), sort=False)
     steps = table[list(MEASURED)].groupby(pose.ngroup()).diff().dropna().to_numpy()
-    same = steps == 0
-    others = same[~same.all(axis=1)]  # repeats of which some component differs
-    if len(others) < REPEATS:
+    expected = _expected(steps == 0)
+    if expected is None:
         return _agree_anywhere(table, chain, count, rest)
+    return bool(poisson.sf(count - 1, expected) > CHANCE)
+
+
+def _copied_touches(table: pd.DataFrame, chain: Chain, again: Mask) -> Mask:
+    """Of rows that touch a place again, those whose commands are an earlier row's too, if they agree not by chance.
+
+    What was read there are the positions of the linear joints.
+    """
+    from scipy.stats import poisson
+
+    linear = [j.name for j in chain.machine.joints if j.type == "prismatic"]
+    place = [*MEASURED, "frame", *(c for c in _commands(chain) if c not in linear)]
+    alike: Mask = again & table.duplicated(subset=[*place, *linear]).to_numpy(dtype=bool)
+    steps = table.groupby(place, sort=False)[linear].diff().to_numpy()[again]
+    expected = _expected(steps[np.isfinite(steps).all(axis=1)] == 0) if linear else None
+    if not alike.any() or expected is None or poisson.sf(alike.sum() - 1, expected) > CHANCE:
+        return np.zeros(len(table), dtype=bool)
+    return alike
+
+
+def _expected(same: Mask) -> float | None:
+    """How many repeats agree in all components by chance, by how often (n, k) one does; None: too few differ."""
+    if (~same.all(axis=1)).sum() < REPEATS:
+        return None
     rate = 1.0
-    for k in range(3):  # how often a component agrees where another one differs
+    for k in range(same.shape[1]):  # how often a component agrees where another one differs
         free = same[~np.delete(same, k, axis=1).all(axis=1), k]
         rate *= (free.sum() + 1) / (len(free) + 2)
-    return bool(poisson.sf(count - 1, rate * len(steps)) > CHANCE)
+    return rate * len(same)
 
 
 def _agree_anywhere(table: pd.DataFrame, chain: Chain, count: int, rest: Survey) -> bool:

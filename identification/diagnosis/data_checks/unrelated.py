@@ -117,7 +117,7 @@ def refuse_unrelated(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED
                 f"within {points.spread:.4g} mm"
             )
             cure = f"{OWN_COMMAND}, and that this is the machine"
-        elif touched_again(survey.table, chain.machine, survey.frame)[rows].all():
+        elif touched_again(survey.table, chain, survey.frame)[rows].all():
             places = len(np.unique(points.measured, axis=0))
             what = (
                 f"the measured points are {places} places, read in {len(rows)} rows, and the nominal points of the "
@@ -125,7 +125,9 @@ def refuse_unrelated(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED
             )
             cure = (
                 "If balls were probed, look at the sign, the zero and the unit of each joint's column, and see that "
-                "each row holds one command and its own ball; else the instrument had stopped"
+                "each row holds one command and its own ball. If what was probed (a ball plate) was moved in between, "
+                "give each place of it a run of its own, and write frame: per-run in a survey.yaml; else the "
+                "instrument had stopped"
             )
         else:
             what = (

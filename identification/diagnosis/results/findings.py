@@ -138,6 +138,11 @@ class Diagnosis:
     orientation_noise_urad: float | None = None
 
     @property
+    def left_out(self) -> int:
+        """Number of rows, wild or copied, that findings left out: the verdict is of the others."""
+        return sum(len(f.rows or ()) for f in self.findings if f.effect == "outliers")
+
+    @property
     def noise_interval_um(self) -> tuple[float, float]:
         """95 % interval of the noise, by the degrees of freedom."""
         low, high = noise_bounds(self.dof)

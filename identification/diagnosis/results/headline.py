@@ -6,6 +6,7 @@ from errormodel.exceptions import enumerated
 from identification.diagnosis.results.findings import Diagnosis, Finding
 from identification.diagnosis.results.statements import SURE
 from identification.diagnosis.results.verdict import AT_ONE_POSE, NOT_JUDGED
+from identification.results.terminal import counted
 
 VERDICTS = {
     "adequate": "Nothing was found: the model and the noise explain what was measured.",
@@ -27,7 +28,8 @@ def headline(diagnosis: Diagnosis) -> str:
     found = enumerated(names) or "Nothing was found"
     few = NOT_JUDGED in (diagnosis.unexplained or "")
     text = FEW if few else VERDICTS[diagnosis.verdict]
-    return text.format(found=found[:1].upper() + found[1:])
+    text = text.format(found=found[:1].upper() + found[1:])
+    return f"{text} This is said without {counted(diagnosis.left_out, 'row')} left out." if diagnosis.left_out else text
 
 
 def _named(finding: Finding) -> str:
