@@ -159,15 +159,16 @@ def compensate(
         here = volume.at(state)
         label = re.sub(r"[^\w.-]", "_", "_".join(f"{k}_{v:.1f}" for k, v in state.items()), flags=re.ASCII)
         what = f"{controller.title}{f', {label}' if label else ''}"
+        near = held and held.nearest(state, states)
         if isinstance(controller, Controller):
             sets.append(
                 _one_state(
-                    controller, setup, here, whole, held, label, state, seed, allow_large, what, designs, progress
+                    controller, setup, here, whole, near, label, state, seed, allow_large, what, designs, progress
                 )
             )
         elif isinstance(controller, Rewriter):
             with progress(f"Commands for {what}"):
-                sets.append(_rewritten(controller, setup, here, fit, held, label, state, source, reading, seed))
+                sets.append(_rewritten(controller, setup, here, fit, near, label, state, source, reading, seed))
     tests: dict[str, str] = {}
     own = None
     if isinstance(controller, Controller) and len(sets) > 1 and "time" not in states[0]:
