@@ -21,6 +21,7 @@ from errormodel.exceptions import InputError
 from errormodel.kernel import Kernel
 from errormodel.machine import Joint
 from errormodel.machine_rests import RESUMED_CHANNEL
+from identification.compensation.by_position import Mean, means_of
 from identification.compensation.rows import CONDITIONS, taken_up
 from identification.results.stored_fit import StoredFit
 
@@ -42,6 +43,7 @@ class Field:
     chain, values : the kinematic chain, and its parameters without those of frame, tool and instrument.
     movers : columns of the joints that carry out corrections.
     state : value of every channel that is neither joint, tool nor direction (temperatures, feed, time).
+    means : channels whose mean by the position of a joint is taken in place of that.
     description : (joints, 6) small displacements (mm, rad, in the joints' frames) of rotary axes of the nominal
         machine, which a controller's kinematic description holds; empty: none.
     short : joints with a play whose strokes in the survey did not take it up, mostly.
@@ -56,6 +58,7 @@ class Field:
     description: tuple[tuple[float, ...], ...] = ()
     short: frozenset[str] = frozenset()
     knows_paths: bool = True
+    means: Mapping[str, Mean] = field(default_factory=dict)
 
     @classmethod
     def of(cls, fit: StoredFit, table: pd.DataFrame) -> Field:
@@ -95,7 +98,16 @@ class Field:
 
     def at(self, state: Mapping[str, float]) -> Field:
         """The same machine in another state."""
-        return replace(self, state={**self.state, **state})
+        means = {name: mean for name, mean in self.means.items() if name not in state}
+        return replace(self, state={**self.state, **state}, means=means)
+
+    def following(self, table: pd.DataFrame) -> Field:
+        """The same machine with the means of its channels by position, where the rows of `table` show one."""
+        return replace(self, means=means_of(table, self.joints, [*self.conditions]))
+
+    def beside(self, name: str, by: float) -> Field:
+        """The same machine with a channel beside its mean by position."""
+        return replace(self, means={**self.means, name: self.means[name].shifted(by)})
 
     def of_joints(self, names: Collection[str]) -> Field:
         """The same machine with the errors of these joints only."""
@@ -160,8 +172,13 @@ class Field:
             elif again := RESUMED_CHANNEL.fullmatch(name):
                 out.append(np.full(n, float(again[1])))
             else:  # in the steady state a lagged channel equals the channel itself
-                out.append(np.full(n, self.state.get(call[2] if call else name, 0.0)))
+                out.append(self._held(call[2] if call else name, q))
         return as_rows(*out)
+
+    def _held(self, name: str, q: Array) -> Array:
+        """Values (n,) of a channel that is no input of tables, at commands."""
+        mean = self.means.get(name)
+        return np.full(len(q), self.state.get(name, 0.0)) if mean is None else mean.at(q)
 
     def actual(
         self, q: Array, direction: Array, tool: Array | None = None, own: Mapping[str, Array] | None = None

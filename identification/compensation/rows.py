@@ -187,7 +187,7 @@ def taken_up(chain: Chain, table: pd.DataFrame) -> Array:
 
 def conditions_in(chain: Chain, table: pd.DataFrame) -> dict[str, Array]:
     """Values (n,) that a table's rows had of each channel of a chain that tables hold at one value."""
-    there = {*map(str, table)}
+    there = {*map(str, table.select_dtypes("number"))}
     names = [
         name
         for name in chain.channels

@@ -1,4 +1,4 @@
-"""Channels that tables hold at one value: what rows with values of their own have with such tables."""
+"""Channels that are no input of tables: rows with values of their own, and means by position."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from errormodel.controllers.base import Controller
 from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import read_machine
 from identification.compensation.assessment import emulated
+from identification.compensation.by_position import means_of
 from identification.compensation.compensate import compensate
 from identification.compensation.field import Field
 from identification.compensation.rows import Rows, read_rows
@@ -32,17 +33,23 @@ pytestmark = pytest.mark.usefixtures("few_poses")
 Made = tuple[Machine, Array, pd.DataFrame, Path]
 
 
-def racked(folder: Path, record: Callable[[pd.DataFrame], Array], **order: str) -> Made:
+def surveyed(machine: Machine, order: dict[str, str]) -> pd.DataFrame:
+    """Rows at random, in the order of a joint or in none."""
+    rng = np.random.default_rng(5)
+    points = pd.DataFrame({j.name: rng.uniform(*j.travel, 150) for j in machine.joints})
+    points = points.sort_values(order["by"], ignore_index=True) if order else points
+    return points.assign(tool_x=0.0, tool_y=0.0, tool_z=-100.0)
+
+
+def racked(folder: Path, record: Callable[[pd.DataFrame], Array]) -> Made:
     """A fit of a mill whose X yaws by a record of its drives, with the truth and the survey's rows."""
     plain = read_machine(MILL)
     machine = replace(
         plain, effects=(EffectSpec("gantry-racking", {"joint": "X", "channel": "w_sync_X", "along": False}),)
     )
-    chain, rng = Chain(machine), np.random.default_rng(5)
+    chain = Chain(machine)
     p = dict(zip(Chain(plain).ids, errors(Chain(plain), 3).tolist(), strict=True)) | {chain.effect_ids[0][0]: YAW}
-    points = pd.DataFrame({j.name: rng.uniform(*j.travel, 150) for j in machine.joints})
-    points = points.sort_values(order["by"], ignore_index=True) if order else points
-    points = points.assign(tool_x=0.0, tool_y=0.0, tool_z=-100.0)
+    points = surveyed(machine, {})
     points["w_sync_X"] = record(points)
     table = positions(measured(machine, chain.vector(p), seed=4, noise=0.5 * UM, points=points))
     save(fit_machine(machine, survey(table)), folder)
@@ -56,7 +63,7 @@ def left_in_rows(made: Made) -> tuple[float, float]:
     assert isinstance(result.controller, Controller)
     fit = load(folder)
     table = read_rows(folder, fit.chain.machine)
-    volume = Volume.of(Field.of(fit, table), table, True)
+    volume = Volume.of(Field.of(fit, table).following(table), table, True)
     correct = emulated(result.controller, result.usual.tables, result.setup, volume)
     names = [j.name for j in machine.joints]
     q = points[names].to_numpy()
@@ -78,6 +85,48 @@ def test_rows_are_judged_with_the_records_that_they_had(tmp_path: Path) -> None:
     figure = json.loads((tmp_path / "o" / "compensation.json").read_text())["sets"][0]["figures"][1]
     assert figure["in_state"]["rms_um"] < 2
     assert f"the same, all in the state that the tables are for{figure['in_state']['rms_um']:11.2f}" in out
+
+
+def by_position(table: pd.DataFrame) -> Array:
+    """A record of the drives that mostly repeats along X, and drifts."""
+    return np.asarray(0.05 * np.sin(table["X"] / 150) + np.linspace(-0.004, 0.004, len(table)))
+
+
+def test_a_record_that_repeats_with_a_position_is_followed_by_it(tmp_path: Path) -> None:
+    """Held at one value, racking that is a function of X would be left, which the tables of a plain fit follow."""
+    made = racked(tmp_path / "fit", by_position)
+    true, claimed = left_in_rows(made)
+    assert true < 2
+    assert claimed == pytest.approx(true, abs=1)
+    done("compensate", tmp_path / "fit", "--controller", "csv", "--out", tmp_path / "o")
+    written = json.loads((tmp_path / "o" / "compensation.json").read_text())
+    (found,) = written["followed_by_position"]
+    assert (found["channel"], found["joint"]) == ("w_sync_X", "X")
+    assert found["predicted_share"] > 0.98
+    assert found["beside"]["rms"] == pytest.approx(0.008 / np.sqrt(12), rel=0.2)
+    (said,) = (step for step in written["checklist"] if "w_sync_X" in step)
+    assert "these tables are for w_sync_X at its mean by the position of X (99." in said
+    assert "more, zero and workpiece as they were" in said
+
+
+@pytest.mark.parametrize(
+    ("record", "order"),
+    [
+        (lambda t: np.random.default_rng(1).uniform(-0.05, 0.05, len(t)) + by_position(t) / 2, {}),  # mostly chance
+        (lambda t: np.linspace(-0.05, 0.05, len(t)) + by_position(t) / 10, {}),  # mostly drift
+        (by_position, {"by": "X"}),  # one way along X: as well a drift
+        (lambda t: np.where(np.arange(len(t)) == 5, 0.05, 0.0), {}),
+    ],
+)
+def test_another_record_is_held(record: Callable[[pd.DataFrame], Array], order: dict[str, str]) -> None:
+    table = surveyed(read_machine(MILL), order)
+    assert not means_of(table.assign(w_sync_X=record(table)), read_machine(MILL).joints, ["w_sync_X"])
+
+
+def test_times_and_temperatures_are_held_whatever_the_order_of_the_survey() -> None:
+    table = surveyed(read_machine(MILL), {})
+    table = table.assign(time=table["X"] + 400, T_x=table["X"] / 100)
+    assert not means_of(table, read_machine(MILL).joints, ["time", "T_x"])
 
 
 def test_tables_for_a_state_are_judged_by_the_rows_nearest_to_it() -> None:
