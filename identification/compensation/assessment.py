@@ -52,6 +52,8 @@ class Figures:
     Attributes
     ----------
     model_um : standard uncertainty (k = 1) of the model itself there, root mean square; None: not known.
+    in_state : error after the tables, had the rows been measured in the state that the tables are for; None: they
+        were, as far as the model knows.
     """
 
     poses: str
@@ -59,6 +61,7 @@ class Figures:
     ideal: Error
     after: Error
     model_um: float | None = None
+    in_state: Error | None = None
 
     def removed(self) -> float:
         """Reduction of the RMS error as a share of the reduction by the ideal compensation."""
@@ -149,16 +152,21 @@ def _by_tool(volume: Volume, held: Rows | None) -> list[Rows]:
 def _figures(volume: Volume, correct: Correct, rows: Rows) -> Figures:
     if rows.about is not None:
         volume = replace(volume, field=volume.field.of_joints(rows.about[:1]), pose=None)  # each run has a zero
-    cases = (nothing, rows.measured), (volume.ideal, rows), (correct, rows)
-    before, best, after = (Error.of(remaining(volume, c, r), volume.field.outward(r.q)) for c, r in cases)
-    return Figures(rows.what, before, best, after)
+    # exact commands would follow what tables hold at one value, too
+    cases = (nothing, rows.measured), (volume.ideal, rows.in_state), (correct, rows), (correct, rows.in_state)
+    found = (Error.of(remaining(volume, c, r), volume.field.outward(r.q)) for c, r in cases[: 4 if rows.own else 3])
+    before, best, after, *held = found
+    return Figures(rows.what, before, best, after, in_state=held[0] if held else None)
 
 
 def remaining(volume: Volume, correct: Correct, rows: Rows) -> Array:
-    """Residual errors (n, 3), mm, after the best-fit motion of each measuring frame, or with the given frame."""
+    """Residual errors (n, 3), mm, after the best-fit motion of each measuring frame, or with the given frame.
+
+    Rows of a survey have the times, temperatures and records of their own, which the tables did not know.
+    """
     field = volume.field
     nominal = field.nominal(rows.q, rows.tool)
-    actual = field.actual(correct(rows.q, rows.direction, rows.tool), rows.direction, rows.tool)
+    actual = field.actual(correct(rows.q, rows.direction, rows.tool), rows.direction, rows.tool, rows.own)
     errors = actual - (nominal if volume.pose is None else volume.pose.apply(nominal)) + rows.left
     if not volume.free or volume.pose is not None:
         return errors

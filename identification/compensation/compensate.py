@@ -29,7 +29,7 @@ from identification.compensation.conditions import (
     check_errors,
     check_size,
     conditions_of,
-    quantity,
+    held_at,
     state_lines,
 )
 from identification.compensation.coordinates import Coordinates
@@ -118,7 +118,7 @@ def compensate(
         held = held_out(fit, table)
         if tool is not None:
             fit = replace(fit, chain=Chain(replace(fit.chain.machine, tool=tool)))
-        field, of_load = with_load(Field.of(fit, table), load, table)
+        field, of_load = with_load(Field.of(fit, table).following(table), load, table)
         if read is not None:
             field = field.of_joints(known_at_tip(folder, read))
             held = motion_rows(field, table, read)
@@ -134,8 +134,9 @@ def compensate(
     loose = [c for c in field.conditions if c not in states[0]]
     rotary = None
     if read is None:
-        state = {**middle, **{c: field.state[c] for c in loose}}
-        beside = other_states(field, table, states, loose)
+        fixed = [c for c in loose if c not in field.means]
+        state = {**middle, **{c: field.state[c] for c in fixed}}
+        beside = other_states(field, table, states, fixed)
         rotary = rotary_axes(controller, volume.at(middle), setup, seed, kinematics, fit, allow_large, state, beside)
     plain = volume
     if rotary is not None and kinematics:
@@ -159,15 +160,16 @@ def compensate(
         here = volume.at(state)
         label = re.sub(r"[^\w.-]", "_", "_".join(f"{k}_{v:.1f}" for k, v in state.items()), flags=re.ASCII)
         what = f"{controller.title}{f', {label}' if label else ''}"
+        near = held and held.nearest(state, states)
         if isinstance(controller, Controller):
             sets.append(
                 _one_state(
-                    controller, setup, here, whole, held, label, state, seed, allow_large, what, designs, progress
+                    controller, setup, here, whole, near, label, state, seed, allow_large, what, designs, progress
                 )
             )
         elif isinstance(controller, Rewriter):
             with progress(f"Commands for {what}"):
-                sets.append(_rewritten(controller, setup, here, fit, held, label, state, source, reading, seed))
+                sets.append(_rewritten(controller, setup, here, fit, near, label, state, source, reading, seed))
     tests: dict[str, str] = {}
     own = None
     if isinstance(controller, Controller) and len(sets) > 1 and "time" not in states[0]:
@@ -218,6 +220,7 @@ def compensate(
         scaled_um,
         field.state["load"] if "load" in channels else None,
         controller.beyond if isinstance(controller, Controller) else region_words(volume),
+        field.means,
     )
 
 
@@ -317,7 +320,7 @@ def _rewritten(
             direction = np.hstack([direction, taken_up(field.chain, path)])
         return field.outward(ideal(inner, direction))
 
-    conditions = {name: quantity(name, value) for name, value in field.conditions.items()}
+    conditions = {name: held_at(field, name) for name in field.conditions}
     done = rewriter.rewrite(name, text, replace(setup, conditions=conditions), correct, reading)
     step, movers = 2 * rewriter.quantum(setup), list(field.movers)
 

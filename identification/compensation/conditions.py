@@ -18,6 +18,7 @@ from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import LONGER, Table, Tables
 from errormodel.exceptions import InputError
 from identification.compensation.assessment import Correct, emulated, fresh_rows, left, nothing, remaining
+from identification.compensation.field import Field
 from identification.compensation.reversal import (
     left_to_parameters,
     reversal_lines,
@@ -332,19 +333,12 @@ def state_lines(
     """State of each channel outside the tables (time, temperature, feed, load), and residuals at its extremes."""
     field, out = volume.field, list[str]()
     for name in loose:
-        here = field.state.get(name, 0.0)
-        line = f"errors change with {name}, which no table follows: these tables are for {quantity(name, here)}"
-        ends = table[name].dropna().to_numpy(dtype=np.float64) if name in table else np.zeros(0)
-        if len(ends) and np.ptp(ends) > 0:
+        line = f"errors change with {name}, which no table follows: these tables are for {held_at(field, name)}"
+        if ends := _ends(field, table, name):
             fixed = replace(volume, pose=_lies(volume, correct, seed))
-            rms = [
-                left(replace(fixed, field=field.at({name: float(v)})), correct, seed).rms_um
-                for v in (here, ends.min(), ends.max())
-            ]
-            line += (
-                f". Left there {rms[0]:.1f} um rms, {rms[1]:.1f} at {quantity(name, ends.min())} and "
-                f"{rms[2]:.1f} at {quantity(name, ends.max())}, zero and workpiece as they were"
-            )
+            rms = [left(replace(fixed, field=f), correct, seed).rms_um for f in (field, *ends.values())]
+            elsewhere = " and ".join(f"{um:.1f} {where}" for um, where in zip(rms[1:], ends, strict=True))
+            line += f". Left there {rms[0]:.1f} um rms, {elsewhere}, zero and workpiece as they were"
         if name == "time":
             line += ". Load and use them on a machine that has warmed up as long as in the recording"
         elif name.startswith("T_"):
@@ -353,6 +347,24 @@ def state_lines(
             line += ". Write others for each load that is worked with (--load)"
         out.append(line)
     return tuple(out)
+
+
+def _ends(field: Field, table: pd.DataFrame, name: str) -> dict[str, Field]:
+    """The machine where a channel is at the ends that it had in the survey, or had beside its mean by position."""
+    if name in field.means:
+        low, high = field.means[name].beside[:2]
+        return {f"where it is {abs(v):.2g} {s}": field.beside(name, v) for v, s in ((low, "less"), (high, "more"))}
+    recorded = table[name].dropna().to_numpy(dtype=np.float64) if name in table else np.zeros(0)
+    if not len(recorded) or np.ptp(recorded) == 0:
+        return {}
+    return {f"at {quantity(name, v)}": field.at({name: v}) for v in (float(recorded.min()), float(recorded.max()))}
+
+
+def held_at(field: Field, name: str) -> str:
+    """What tables take a channel for that they do not follow."""
+    if name in field.means:
+        return f"{name} at its {field.means[name].words}"
+    return quantity(name, field.state.get(name, 0.0))
 
 
 def _lies(volume: Volume, correct: Correct, seed: int) -> Pose:

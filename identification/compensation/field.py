@@ -21,7 +21,8 @@ from errormodel.exceptions import InputError
 from errormodel.kernel import Kernel
 from errormodel.machine import Joint
 from errormodel.machine_rests import RESUMED_CHANNEL
-from identification.compensation.rows import taken_up
+from identification.compensation.by_position import Mean, means_of
+from identification.compensation.rows import CONDITIONS, taken_up
 from identification.results.stored_fit import StoredFit
 
 if TYPE_CHECKING:
@@ -31,7 +32,6 @@ LEAST_NEW_DIRECTION = 0.3  # share of a unit axis outside the span of the chosen
 
 # of a hysteresis, rms in the survey's rows, that the direction of travel may leave where tables follow it; by judgement
 BY_DIRECTION = 0.6
-CONDITIONS = ("time", "w_", "feed", "load", "T_")  # prefixes of channels that no table or description has as an input
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,7 @@ class Field:
     chain, values : the kinematic chain, and its parameters without those of frame, tool and instrument.
     movers : columns of the joints that carry out corrections.
     state : value of every channel that is neither joint, tool nor direction (temperatures, feed, time).
+    means : channels whose mean by the position of a joint is taken in place of that.
     description : (joints, 6) small displacements (mm, rad, in the joints' frames) of rotary axes of the nominal
         machine, which a controller's kinematic description holds; empty: none.
     short : joints with a play whose strokes in the survey did not take it up, mostly.
@@ -57,6 +58,7 @@ class Field:
     description: tuple[tuple[float, ...], ...] = ()
     short: frozenset[str] = frozenset()
     knows_paths: bool = True
+    means: Mapping[str, Mean] = field(default_factory=dict)
 
     @classmethod
     def of(cls, fit: StoredFit, table: pd.DataFrame) -> Field:
@@ -96,7 +98,16 @@ class Field:
 
     def at(self, state: Mapping[str, float]) -> Field:
         """The same machine in another state."""
-        return replace(self, state={**self.state, **state})
+        means = {name: mean for name, mean in self.means.items() if name not in state}
+        return replace(self, state={**self.state, **state}, means=means)
+
+    def following(self, table: pd.DataFrame) -> Field:
+        """The same machine with the means of its channels by position, where the rows of `table` show one."""
+        return replace(self, means=means_of(table, self.joints, [*self.conditions]))
+
+    def beside(self, name: str, by: float) -> Field:
+        """The same machine with a channel beside its mean by position."""
+        return replace(self, means={**self.means, name: self.means[name].shifted(by)})
 
     def of_joints(self, names: Collection[str]) -> Field:
         """The same machine with the errors of these joints only."""
@@ -130,8 +141,10 @@ class Field:
         """
         return replace(self, knows_paths=False) if self.plays else self
 
-    def rows(self, q: Array, direction: Array, tool: Array | None = None) -> list[Array]:
-        """The chain's channels at commands; `tool` (n, 3) in place of the machine's.
+    def rows(
+        self, q: Array, direction: Array, tool: Array | None = None, own: Mapping[str, Array] | None = None
+    ) -> list[Array]:
+        """The chain's channels at commands; `tool` (n, 3) in place of the machine's, `own`: see `Rows.own`.
 
         `direction` is (n, joints) of +-1. Positions after a play are then those after long strokes; further columns,
         one for each of `plays`, say which share (-1 to 1) of it each row's path has taken up.
@@ -139,31 +152,40 @@ class Field:
         n, place = len(q), {j.name: k for k, j in enumerate(self.joints)}
         shares = iter(direction[:, len(place) :].T)
         tips = np.tile(self.chain.machine.tool, (n, 1)) if tool is None else tool
-        columns = []
+        out = []
         for name in self.chain.channels:
             call = DERIVED_CHANNEL.fullmatch(name)
-            if name in place:
-                columns.append(q[:, place[name]])
+            if own and name in own:
+                out.append(own[name])
+            elif name in place:
+                out.append(q[:, place[name]])
             elif name in TOOL_CHANNELS:
-                columns.append(tips[:, TOOL_CHANNELS.index(name)])
+                out.append(tips[:, TOOL_CHANNELS.index(name)])
             elif name.startswith("dir_"):
-                columns.append(direction[:, place[name[4:]]])
+                out.append(direction[:, place[name[4:]]])
             elif call and call[1] == "play":
                 k = place[call[2]]
                 share = next(shares, direction[:, k])
                 if not self.knows_paths:
                     share = np.zeros(n) if call[2] in self.short else direction[:, k]
-                columns.append(q[:, k] - share * float(call[3]) / 2)
+                out.append(q[:, k] - share * float(call[3]) / 2)
             elif again := RESUMED_CHANNEL.fullmatch(name):
-                columns.append(np.full(n, float(again[1])))
+                out.append(np.full(n, float(again[1])))
             else:  # in the steady state a lagged channel equals the channel itself
-                columns.append(np.full(n, self.state.get(call[2] if call else name, 0.0)))
-        return as_rows(*columns)
+                out.append(self._held(call[2] if call else name, q))
+        return as_rows(*out)
 
-    def actual(self, q: Array, direction: Array, tool: Array | None = None) -> Array:
+    def _held(self, name: str, q: Array) -> Array:
+        """Values (n,) of a channel that is no input of tables, at commands."""
+        mean = self.means.get(name)
+        return np.full(len(q), self.state.get(name, 0.0)) if mean is None else mean.at(q)
+
+    def actual(
+        self, q: Array, direction: Array, tool: Array | None = None, own: Mapping[str, Array] | None = None
+    ) -> Array:
         """Actual positions (n, 3), mm."""
         kernel = self.chain.kernel("actual", outputs=(0, 1, 2))
-        return kernel(self.rows(q, direction, tool), self.values).T
+        return kernel(self.rows(q, direction, tool, own), self.values).T
 
     def nominal(self, q: Array, tool: Array | None = None) -> Array:
         """Nominal positions (n, 3), mm."""

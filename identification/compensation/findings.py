@@ -15,7 +15,7 @@ from errormodel.channels import root
 from errormodel.effects.axis_blunder import AxisBlunder, mended_words
 from errormodel.exceptions import InputError
 from errormodel.inputs import noted
-from identification.compensation.conditions import quantity
+from identification.compensation.conditions import held_at
 from identification.compensation.field import Field
 from identification.results.stored_fit import CURE
 from identification.results.versions import read_json, reason_of
@@ -88,8 +88,8 @@ def outside(findings: Collection[Found], field: Field, loose: Collection[str]) -
             why = "it acts in the instrument or its target; if it is the machine's, this is left"
         elif f.ids and driven:
             names = list(dict.fromkeys(driven))
-            at = " and ".join(quantity(name, field.state[name]) for name in names if name in field.state)
-            alone = f"; they hold it at {at} alone" if at else ""
+            at = " and ".join(held_at(field, name) for name in names if name in field.state)
+            alone = f"; they are for {at} alone" if at else ""
             why = f"it changes with {' and '.join(names)}, which no table follows{alone}"
         else:
             continue

@@ -12,7 +12,7 @@ from errormodel.controllers.setup import Setup
 from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from identification.compensation.field import Field
-from identification.compensation.rows import FEWEST_HELD_OUT, Rows, commands
+from identification.compensation.rows import FEWEST_HELD_OUT, Rows, commands, conditions_in
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,7 +67,8 @@ def motion_rows(field: Field, table: pd.DataFrame, read: Mapping[str, Sequence[s
     runs, joints = (table[c].astype(str).to_numpy(dtype=object)[known] for c in ("run", "joint"))
     what = f"{known.sum()} rows left out in blocks, less run means"
     held, seen = left[:, known]
-    rows = Rows(q[known], came[known], tools[known], held, runs, what, joints, seen)
+    own = {name: values[known] for name, values in conditions_in(field.chain, table).items()}
+    rows = Rows(q[known], came[known], tools[known], held, runs, what, joints, seen, own)
     return rows if len(rows) else None
 
 

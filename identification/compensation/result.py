@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from errormodel.controllers.base import EDGE_HOLDS, Controller, Target
@@ -14,6 +14,7 @@ from errormodel.controllers.tables import Table, Tables
 from errormodel.controllers.turning import lathe_step
 from identification.compensation.advice import Advice, Scale
 from identification.compensation.assessment import Figures
+from identification.compensation.by_position import Mean
 from identification.compensation.conditions import (
     Conditions,
     backlash_lines,
@@ -87,6 +88,7 @@ class Compensation:
     scales : scale errors that the tables do not hold, and where they are set.
     load : load that the tables are for, kg; None: the model depends on none.
     edge : what the correction is beyond the measured volume.
+    means : recorded channels of which the mean by the position of a joint is followed.
     states : state of the machine that the tables are for, and residual errors in other states.
     """
 
@@ -109,6 +111,7 @@ class Compensation:
     scaled_um: float | None = None
     load: float | None = None
     edge: str = EDGE_HOLDS
+    means: Mapping[str, Mean] = field(default_factory=dict)
 
     @property
     def usual(self) -> Stated:
@@ -206,6 +209,7 @@ class Compensation:
             "doubt": self.controller.doubt,
             "tool": list(self.setup.tool),
             "load": self.load,
+            "followed_by_position": [mean.as_json(name) for name, mean in self.means.items()],
             "region": {a.joint: {"axis": a.name, "measured": a.measured, "travel": a.travel} for a in self.setup.axes},
             "corrects": list(self.setup.movers),
             "axes": {

@@ -6,8 +6,8 @@ Commands in mm and rad, residuals in mm in the axes of the reference frame.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ import numpy as np
 from errormodel.approach import direction
 from errormodel.arrays import Array, Mask
 from errormodel.chain import TOOL_CHANNELS, Chain
-from errormodel.channels import channel, plays_among
+from errormodel.channels import channel, columns, lacking, plays_among, root
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
 from errormodel.files import as_numbers, read_csv, without_apostrophes
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 RESIDUAL = re.compile(r"(nominal|residual|heldout)_\w+_(um|urad)$|dir_")  # columns of numbers beside commands
 LARGEST = 1e10  # mm, um or deg: of a length of 10 km; more is no length of a machine, by judgement
+CONDITIONS = ("time", "w_", "feed", "load", "T_")  # prefixes of channels that no table or description has as an input
 FEWEST_HELD_OUT = 12  # held-out poses: an RMS of fewer is too uncertain to report; by judgement
 
 
@@ -118,6 +119,7 @@ class Rows:
     about : (n,) joint whose error motions a row reads, "" where it is a position; None: all are positions.
     seen : (n, 3) as `left`, by the model that the tables are computed from: with it comes what was measured, which is
         the error without tables. None: `left` is that.
+    own : values (n,) of channels that tables hold at one value (`conditions_in`); those of the rows are not theirs.
     """
 
     q: Array
@@ -128,6 +130,7 @@ class Rows:
     what: str
     about: Array | None = None
     seen: Array | None = None
+    own: Mapping[str, Array] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.q)
@@ -136,7 +139,25 @@ class Rows:
         """Subset of the rows, with the words `of` that describe it."""
         q, came, tool, left, frames = (a[keep] for a in (self.q, self.direction, self.tool, self.left, self.frames))
         about, seen = (None if a is None else a[keep] for a in (self.about, self.seen))
-        return Rows(q, came, tool, left, frames, f"{len(q)} {self.what.partition(' ')[2]}, {of}", about, seen)
+        own = {name: values[keep] for name, values in self.own.items()}
+        return Rows(q, came, tool, left, frames, f"{len(q)} {self.what.partition(' ')[2]}, {of}", about, seen, own)
+
+    def nearest(self, state: Mapping[str, float], states: Sequence[Mapping[str, float]]) -> Rows | None:
+        """Rows that were measured nearer to a state than to others of a machine; None: too few."""
+        names = [n for n in state if n in self.own]
+        if len(states) < 2 or not names:
+            return self
+        away = np.zeros((len(states), len(self)))
+        for name in names:
+            levels = np.array([s[name] for s in states])
+            away += ((self.own[name] - levels[:, None]) / (np.ptp(levels) or 1.0)) ** 2
+        keep = away.argmin(axis=0) == states.index(state)
+        return self.part(keep, "nearest to this state") if keep.sum() >= FEWEST_HELD_OUT else None
+
+    @property
+    def in_state(self) -> Rows:
+        """The same rows as if they had been measured in the state of the tables."""
+        return replace(self, own={})
 
     @property
     def measured(self) -> Rows:
@@ -164,6 +185,17 @@ def taken_up(chain: Chain, table: pd.DataFrame) -> Array:
     return np.hstack(out)
 
 
+def conditions_in(chain: Chain, table: pd.DataFrame) -> dict[str, Array]:
+    """Values (n,) that a table's rows had of each channel of a chain that tables hold at one value."""
+    there = {*map(str, table.select_dtypes("number"))}
+    names = [
+        name
+        for name in chain.channels
+        if (name == "row" or root(name).startswith(CONDITIONS)) and not lacking(there, [name])
+    ]
+    return dict(zip(names, columns(table, names), strict=True))
+
+
 def held_out(fit: StoredFit, table: pd.DataFrame) -> Rows | None:
     """Positions that the fit did not use: test files, or blocks of cross-validation; None if there are too few."""
     for role, column, what in (
@@ -189,7 +221,8 @@ def held_out(fit: StoredFit, table: pd.DataFrame) -> Rows | None:
             np.einsum("ni,nij->nj", 1e-3 * part[columns].to_numpy(dtype=np.float64), turns)
             for columns in (names, [f"residual_{axis}_um" for axis in "xyz"])
         )
-        return Rows(q[mask], came[mask], tools[mask], left, labels, f"{len(part)} {what}", seen=seen)
+        own = {name: values[mask] for name, values in conditions_in(fit.chain, table).items()}
+        return Rows(q[mask], came[mask], tools[mask], left, labels, f"{len(part)} {what}", seen=seen, own=own)
     return None
 
 

@@ -10,6 +10,7 @@ from errormodel.controllers.base import Controller
 from errormodel.controllers.setup import Axis, Setup
 from identification.compensation.advice import Advice, Scale
 from identification.compensation.assessment import OTHER_TOOLS, Error, Figures
+from identification.compensation.conditions import REPORTED_SHARE
 from identification.compensation.result import Compensation, Stated
 from identification.results.terminal import counted, one_line
 
@@ -114,6 +115,9 @@ def figure_lines(figures: Figures, setup: Setup, follows_tool: bool = False) -> 
         ("after these tables", figures.after),
     )
     for what, error in rows:
+        yield f"  {what:52} {error.rms_um:8.2f} {error.worst_um:8.2f}"
+    if figures.in_state and figures.after.rms_um > (1 + REPORTED_SHARE) * figures.in_state.rms_um:
+        error, what = figures.in_state, "the same, all in the state that the tables are for"
         yield f"  {what:52} {error.rms_um:8.2f} {error.worst_um:8.2f}"
     if figures.model_um is not None:
         yield f"  {'standard uncertainty of the model itself, beside that':52} {figures.model_um:8.2f}"
