@@ -15,6 +15,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
+from identification.estimation.fitted_groups import as_fitted
 from identification.estimation.normal_priors import known_beforehand
 from identification.estimation.plausible import IMPLAUSIBLE_SHARE, floors_of, of_its_size
 from identification.estimation.scaled_equations import SAME, WeighedEquations, scaled_inverse
@@ -219,6 +220,8 @@ class Solver:
         base = groups.base
         covariance = self.covariance(groups, sums)
         free = groups.rank - round(float(np.diag(covariance) @ self.precision[base]))  # less those set by the prior
+        unit = {p.id: p.unit for p in self.chain.parameters}
+        groups = as_fitted(groups, self.total(sums)[0], covariance, [unit.get(name, "") for name in self.unknowns])
         return Solution(
             self.unknowns, values, groups, covariance, dict(self.sigma), self.declared, self.misfit(sums),
             sum(s.count for s in sums.values()) - free, sums, passes, converged, self.precision, within, at=self.at,
