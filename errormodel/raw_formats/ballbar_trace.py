@@ -116,10 +116,10 @@ class BallbarTrace(RawFormat):
 
 
 def _size(match: re.Match[str] | None) -> float:
-    """A length in mm that the head of a file states; NaN where it states none."""
-    if match is None:
+    """A length in mm that the head of a file states; NaN where it states none, or something else (300 mM)."""
+    if match is None or not is_unit(unit := unit_word(match[2] or "mm"), "length"):
         return float("nan")
-    return float(match[1].replace(",", ".")) * factor(unit_word(match[2] or "mm"), "length")
+    return float(match[1].replace(",", ".")) * factor(unit, "length")
 
 
 def _stated_senses(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from errormodel.exceptions import InputError
@@ -48,6 +48,7 @@ def test_its_sample_is_recognised_and_read(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", raw_formats())
 @settings(max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@example(content=b"M\n(\xc0\xa3\xe8\x0cF\xc5", at=13)  # a radius of 100 mM
 @given(content=st.binary(max_size=300), at=st.integers(0, 400))
 def test_any_bytes_are_read_or_refused(name: str, content: bytes, at: int, tmp_path: Path) -> None:
     """Bytes of chance, and the format's own sample with such bytes in it."""

@@ -29,9 +29,9 @@ def of_its_axis(model: EffectModel, group: Sequence[Step], instead: Functions | 
     main, probabilities = group[0].effect, probabilities_of(group[0])
     forms = [s.effect for s in (group[0], *group[0].alternatives) if _by_its_own(s.effect, main.where)]
     curve = next((e for e in forms if e.flexible), None)
-    others = [g[0].effect for g in model.findings if g[0] is not group[0] and g[0].effect.where == main.where]
     if curve is None or not all(_by_its_own(s.effect, main.where) for s in group):
         return None, 0.0
+    others = [g[0].effect for g in model.findings if g[0] is not group[0] and g[0].effect.where == main.where]
     if any(e.empirical or e.effect == curve.effect for e in others):
         return None, 0.0  # of which it may be a part
     if instead is not None:
