@@ -19,6 +19,8 @@ TOOL = "tool"  # the functional point, after the last element of the chain
 INSTRUMENT = "instrument"  # location of effects of the instrument
 
 REFERENCE_TEMPERATURE = 20.0  # degC, ISO 1
+# standard deviation of an error of a machine that is not known, by the unit of its parameter; by judgement
+PLAUSIBLE_SIZES = {"mm": 0.02, "rad": 5e-5, "1": 5e-5, "rad/mm": 5e-8}
 
 _ISO_DIRECTION: dict[Motion, str] = {"dx": "X", "dy": "Y", "dz": "Z", "ea": "A", "eb": "B", "ec": "C"}
 

@@ -67,14 +67,14 @@ class CommandTable:
         if arrivals:
             cure = "Leave it out, and write the rows in the order in which they are reached"
             raise self.lines.error(1, f"column {arrivals[0]}, where directions of arrival are those of the rows", cure)
-        told = [k for k, name in enumerate(TOOL_COLUMNS) if name in head]
-        if not told:
+        given = [k for k, name in enumerate(TOOL_COLUMNS) if name in head]
+        if not given:
             return
-        tips = self._numbers(tuple(head.index(TOOL_COLUMNS[k]) for k in told))
-        far = np.abs(tips - np.array(setup.tool)[told]).max(axis=1, initial=0.0) > SAME_TIP
+        tips = self._numbers(tuple(head.index(TOOL_COLUMNS[k]) for k in given))
+        far = np.abs(tips - np.array(setup.tool)[given]).max(axis=1, initial=0.0) > SAME_TIP
         if far.any():
             row = int(np.argmax(far))
-            tip = " ".join(f"{TOOL_COLUMNS[k]} {v:g}" for k, v in zip(told, tips[row], strict=True))
+            tip = " ".join(f"{TOOL_COLUMNS[k]} {v:g}" for k, v in zip(given, tips[row], strict=True))
             own = " ".join(f"{v:g}" for v in setup.tool)
             cure = "Give --tool X Y Z and rows of one tool, or leave the columns out"
             raise self.lines.error(

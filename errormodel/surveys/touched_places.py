@@ -86,10 +86,12 @@ def touched_again(table: pd.DataFrame, chain: Chain, frame: Frame) -> Mask:
 
 def note_read_again(table: pd.DataFrame, machine: Machine, frame: Frame) -> list[str]:
     """A note on the places that were read again at nearly the same position; none where there are none."""
+    if not (every := [*_of_frames(table, [j.name for j in machine.joints], frame)]):
+        return []
     from errormodel.chain import Chain
 
-    joints = [j.name for j in machine.joints]
-    found = [rows for places in _of_frames(table, joints, frame) for rows in _read_again(table, Chain(machine), places)]
+    chain = Chain(machine)
+    found = [rows for places in every for rows in _read_again(table, chain, places)]
     if not found:
         return []
     return [

@@ -14,12 +14,12 @@ import numpy as np
 
 from errormodel import effects
 from errormodel.arrays import Array, Index
+from errormodel.conventions import PLAUSIBLE_SIZES
 from errormodel.effects.best_prediction import predicted_terms
 from errormodel.yamlfile import Document
 from identification.bayes.settings import PriorForm
 from identification.estimation.bounded import limits
 from identification.estimation.result import Fit
-from identification.uncertainty.prediction import PLAUSIBLE_SIZES
 
 PRIOR_WIDTH_FACTOR = 10.0  # standard deviation of the default prior over the usual size of a parameter
 BOUND_DOUBT_SIGMA = 6.0  # physical bounds farther than this from the estimate (standard uncertainties) are left out

@@ -117,12 +117,10 @@ def _with_parts_that_add(
 
     Two temperatures that rose together fit all rows by their difference, which is another thing when they do not.
     """
-    number = {id(step): first + k for k, step in enumerate(model.steps)}
     for k, group in enumerate(model.findings):
         if len(group) < 2:
             continue
-        parts = [whole_of(final, [s.effect], [number[id(s)]]).size_um for s in group]
-        whole = whole_of(final, [s.effect for s in group], [number[id(s)] for s in group]).size_um
+        *parts, whole = _sizes(model, final, first, [*([s] for s in group), group])
         if (times := ratio(max(parts), whole)) < OPPOSED:
             continue
         shorter = of_groups(model.start, [g[: 1 if n == k else None] for n, g in enumerate(model.findings)])
@@ -151,7 +149,7 @@ def _too_large(model: EffectModel, final: Fit, first: int, log: DecisionLog) -> 
 
 def _cancelling(model: EffectModel, final: Fit, first: int, fit: Fit, log: DecisionLog) -> list[Step] | None:
     """The finding that does most at the tip, where that is far beyond what the plain `fit` leaves of all of them."""
-    left, sizes = _left(fit), _sizes(model, final, first)
+    left, sizes = _left(fit), _sizes(model, final, first, model.findings)
     most = int(np.argmax(sizes))
     if not left or sizes[most] <= CANCELS * left:
         return None
@@ -168,7 +166,7 @@ def _of_second_order(
     The search is of first order. Of an effect that moves the tip of a machine of size L by s it leaves s**2 / L, which
     seems another effect where it is more than the noise.
     """
-    sizes = _sizes(model, final, first)
+    sizes = _sizes(model, final, first, model.findings)
     most = int(np.argmax(sizes))
     if len(sizes) < 2 or (1e-3 * sizes[most]) ** 2 < final.chain.size * noise_mm(final):
         return None
@@ -184,10 +182,10 @@ def _of_second_order(
     return None
 
 
-def _sizes(model: EffectModel, final: Fit, first: int) -> list[float]:
-    """Root mean square of what each finding does at the tip, um."""
+def _sizes(model: EffectModel, final: Fit, first: int, groups: Sequence[Sequence[Step]]) -> list[float]:
+    """Root mean square of what each group of steps of a model does at the tip, um."""
     number = {id(step): first + k for k, step in enumerate(model.steps)}
-    return [whole_of(final, [s.effect for s in g], [number[id(s)] for s in g]).size_um for g in model.findings]
+    return [whole_of(final, [s.effect for s in g], [number[id(s)] for s in g]).size_um for g in groups]
 
 
 def _left(fit: Fit) -> float:

@@ -7,15 +7,16 @@ are held at zero. Of exact dependences that is the same for all weights.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.conventions import PLAUSIBLE_SIZES
 from identification.observation.identifiability import Groups
 
-SIZES: Mapping[str, float] = {"mm": 0.02, "rad": 5e-5}  # of usual errors of a machine
+UNITS = ("mm", "rad")  # of the parameters that are looked at
 SHOWN = 0.1  # standard uncertainties of the group, by which a usual error changes it: less stays as the rank has it
 SOUND = 1e6  # condition number up to which normal equations give the combination
 
@@ -31,7 +32,7 @@ def as_fitted(groups: Groups, gram: Array, covariance: Array, units: Sequence[st
     """
     base = groups.base
     others = np.setdiff1d(np.arange(len(groups.ids)), base)
-    sizes = np.array([SIZES.get(units[j], 0.0) for j in others])
+    sizes = np.array([PLAUSIBLE_SIZES[units[j]] if units[j] in UNITS else 0.0 for j in others])
     if not len(base) or not sizes.any() or groups.condition > SOUND:
         return groups
     norms = np.sqrt(np.diag(gram)[base])

@@ -14,7 +14,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Index, as_rows
 from errormodel.chain import Chain
-from errormodel.conventions import MOTIONS
+from errormodel.conventions import MOTIONS, PLAUSIBLE_SIZES
 from errormodel.effects.axis_blunder import mended_words
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MOTION_UNCERTAINTIES
@@ -89,9 +89,7 @@ BEYOND = {  # what is known of it
     ),
     None: ("beyond the noise, which nothing explains", MUCH_LARGER),
 }
-# Standard deviation of an unidentified parameter by unit, and how many identified ones it is worth; by judgement
-PLAUSIBLE_SIZES = {"mm": 0.02, "rad": 5e-5, "1": 5e-5, "rad/mm": 5e-8}
-WORTH = 3
+WORTH = 3  # identified parameters that `PLAUSIBLE_SIZES` count as; by judgement
 MISTAKE = (
     "{text}: that mistake of the fitted survey is taken to be in these rows as well, and mended. If it is not, correct "
     "the survey, diagnose or fit it again, and predict from that"

@@ -88,6 +88,14 @@ def of_one_noise(fit: Fit, residuals: Array) -> Array:
     return np.where(np.isnan(residuals), np.nan, out)
 
 
+def mean_squares(residuals: Array) -> tuple[Mask, Array, int]:
+    """Rows (n,) of residuals (n, k) that were measured, the mean squares of their components, and the usual number."""
+    measured = np.isfinite(residuals).sum(axis=1)
+    seen = measured > 0
+    square = np.nansum(np.square(residuals), axis=1)[seen] / measured[seen]
+    return seen, square, round(float(measured[seen].mean())) if seen.any() else 0
+
+
 def _gross(
     fit: Fit, residuals: Array, log: DecisionLog, least: float = np.inf, name: str = "row", shown: float = 1e3
 ) -> Mask:
@@ -96,13 +104,10 @@ def _gross(
     `least`: log likelihood ratio of contaminated normal noise against one of heavy tails from which rows that
     contaminate it are gross; `name`, `shown`: what the log calls a row, and the factor of its numbers.
     """
-    measured = np.isfinite(residuals).sum(axis=1)
-    seen = measured > 0
+    seen, square, components = mean_squares(residuals)
     if not seen.any():
         return np.zeros(len(seen), dtype=bool)
-    square = np.nansum(np.square(residuals), axis=1)[seen] / measured[seen]
     gross: Mask = np.zeros_like(seen)
-    components = round(float(measured[seen].mean()))
     farthest = _farthest(square, components)
     if np.isfinite(least) and len(square) > FEWEST:
         lead, edge = contaminated(square[:: len(square) // MOST_USED + 1], components)  # evenly over the survey

@@ -6,7 +6,7 @@ import numpy as np
 
 from identification.diagnosis.data_checks.blunder import listed
 from identification.diagnosis.data_checks.contaminated_noise import contaminated
-from identification.diagnosis.data_checks.outliers import FEWEST, of_one_noise
+from identification.diagnosis.data_checks.outliers import FEWEST, mean_squares, of_one_noise
 from identification.estimation.result import Fit
 
 MOST = 10_000  # rows: of more a few change nothing
@@ -20,18 +20,15 @@ def doubtful_rows(fit: Fit) -> tuple[str, ...]:
     fit : with all findings, and without the rows that were left out.
     """
     residuals = of_one_noise(fit, fit.residuals)
-    measured = np.isfinite(residuals).sum(axis=1)
-    seen = measured > 0
-    if not FEWEST < seen.sum() < MOST:
+    seen, square, components = mean_squares(residuals)
+    if not FEWEST < len(square) < MOST:
         return ()
-    square = np.nansum(np.square(residuals), axis=1)[seen] / measured[seen]
-    components = round(float(measured[seen].mean()))
     lead, edge = contaminated(square, components)
     far = square > edge
     if lead <= 0 or not far.any():
         return ()
     rest = float(np.sqrt(square[~far].mean()))
-    sizes = np.sqrt(square[far] * measured[seen][far]) / rest
+    sizes = np.sqrt(np.nansum(np.square(residuals[seen][far]), axis=1)) / rest
     rows = fit.survey.table["row"].to_numpy()[seen][far]
     times = np.sqrt(square.mean()) / rest
     odds = float(f"{np.exp(lead):.2g}")
