@@ -26,6 +26,7 @@ from identification.diagnosis.results.untestable import unseen
 from identification.diagnosis.results.witnesses import WitnessResult, apply_witnesses
 from identification.diagnosis.search.candidates import Candidates, Ranked, Scores
 from identification.diagnosis.search.conditional_evidence import conditional_scores, in_correlated_noise
+from identification.diagnosis.search.departures import with_departures_merged
 from identification.diagnosis.search.forward_selection import forward_select
 from identification.diagnosis.search.instrument_noise import line_of_sight, tracker_noise, weighed_as_before
 from identification.diagnosis.search.likeliest_sensors import with_likeliest_sensors
@@ -120,7 +121,7 @@ def explained(
         return explained(plain, given, changes, progress, log, impossible, isotropic=True, weighed=weighed)
     del candidates, selected  # hundreds of megabytes that the fit of all rows needs
     whole = weighed_as_whole(in_correlated_noise(chosen, log), models, log)
-    model = with_names_again(with_likelier_names(whole, log), log)
+    model = with_departures_merged(with_names_again(with_likelier_names(whole, log), log), log)
     model, witnessed = apply_witnesses(model, log)
     del models
     model, wanders = without_wanderers(model, log)

@@ -65,6 +65,8 @@ LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
         ("identification.diagnosis.kept_findings", "LARGEST", FOREVER),
     ),
     "name-again": (("identification.diagnosis.extension", "with_names_again", _same),),
+    "departure-of-form": (("identification.diagnosis.extension", "with_departures_merged", _same),),
+    "part-of-more": ((_RESULTS + "nameless_alternative", "part_of_more", lambda *_: ""),),
     "whole-model": (("identification.diagnosis.extension", "with_likelier_names", _same),),
 }
 

@@ -237,6 +237,15 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "name-again": Rule(
             NAMES, EVIDENCE, "A form that does not lead a name clearly at last has that name.", _decided("CLEARLY")
         ),
+        "departure-of-form": Rule(
+            NAMES, "share of the squared size", "A curve that is a small part of a finding is a departure of its form.",
+            _decided("LITTLE", "ABSORBED"),
+        ),
+        "part-of-more": Rule(
+            NAMES, "times the squared size",
+            "A curve of an axis has no name beside a finding without one, by that axis and another, that is not small.",
+            _decided("MUCH", "ABSORBED"),
+        ),
         "nameless-alternative": Rule(
             NAMES, EVIDENCE, "A finding has a name only if no function without one explains it better.",
             _decided("NAME_ODDS", "DEPARTURES", "CLEARLY"),

@@ -11,10 +11,12 @@ from dataclasses import replace
 
 from errormodel.channels import root
 from errormodel.effects.base import Effect
-from identification.diagnosis.decisions.constants import EVEN
+from identification.diagnosis.decisions.constants import EVEN, MUCH
+from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.results.findings import Alternative, Finding, probabilities_of
-from identification.diagnosis.results.recorded_functions import Functions
-from identification.diagnosis.search.model import EffectModel
+from identification.diagnosis.results.recorded_functions import Functions, alike_motions
+from identification.diagnosis.search.criteria import moves
+from identification.diagnosis.search.model import EffectModel, sizes_of_groups
 from identification.diagnosis.search.scoring import Step
 
 
@@ -43,6 +45,32 @@ def of_its_axis(model: EffectModel, group: Sequence[Step], instead: Functions | 
 
 def _by_its_own(effect: Effect, axis: str) -> bool:
     return not effect.empirical and effect.where == axis and {*map(root, effect.drivers)} == {axis}
+
+
+def part_of_more(model: EffectModel, group: Sequence[Step], log: DecisionLog) -> str:
+    """In words the finding without a name, by the axis and another one, that a curve of the axis may be a part of.
+
+    What two positions move has a mean along each. Where it is not small beside the curve it may be all that is there.
+    """
+    main, found = group[0].effect, model.findings
+    if not main.flexible or {*map(root, main.drivers)} != {main.where}:
+        return ""
+    alike = {place for own in moves(model.start, main) for place in (own, *alike_motions(model.start, *own))}
+    unnamed = [k for k, g in enumerate(found) if _by_more(g[0].effect, main.where)]
+    more = [k for k in unnamed if moves(model.start, found[k][0].effect) & alike]
+    if not more:
+        return ""
+    sizes = sizes_of_groups(model)
+    own = next(size for size, g in zip(sizes, found, strict=True) if g[0] is group[0])
+    largest = max(more, key=lambda k: sizes[k])
+    share, other = sizes[largest] / max(own, 1e-300), found[largest][0].effect
+    log.add("part-of-more", "refused" if share > MUCH else "kept", main, share, MUCH, beside=other)
+    return f"it may be a part of what {' and '.join(map(root, other.drivers))} move together" if share > MUCH else ""
+
+
+def _by_more(effect: Effect, axis: str) -> bool:
+    """Whether an effect without a name follows the position of an axis and something else."""
+    return effect.empirical and {axis} < {*map(root, effect.drivers)}
 
 
 def as_curve(finding: Finding, curve: Effect, reason: str, probability: float) -> Finding:

@@ -31,7 +31,7 @@ from identification.diagnosis.decisions.constants import (
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.known_models import of_any_size
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.results.curve_of_axis import as_curve, of_its_axis
+from identification.diagnosis.results.curve_of_axis import as_curve, of_its_axis, part_of_more
 from identification.diagnosis.results.findings import Alternative, Finding, probabilities_of, probability_of
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.physical_limits import nameless
@@ -120,6 +120,8 @@ def refusal(
     if (probability := probability_of(group[0])) < EVEN:
         log.add("unlikely-name", "refused", main, probability, EVEN)
         return Refused("other explanations together are likelier")
+    if words := part_of_more(model, group, log):
+        return Refused(words)
     without = model.without(group)
     if main.flexible:  # any curve of its motion by what drives it has this name
         own_curve = partial(_of_its_motion, without, main)

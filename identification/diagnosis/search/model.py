@@ -10,7 +10,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import SENSORS, Effect
-from identification.diagnosis.decisions.constants import CLEARLY
+from identification.diagnosis.decisions.constants import ABSORBED, CLEARLY
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.blocks import NOTHING
@@ -89,18 +89,40 @@ def steps_of(groups: Iterable[Sequence[Step]]) -> list[Step]:
 
 def fitted_of_groups(model: EffectModel) -> list[Array]:
     """What is fitted (N + ties,) of each finding with its refinements, beside the geometry and all others."""
+    left = model.start.project(np.vstack([model.start.columns(s.effect)[0] for s in model.steps]))
+    owner, values = _values(model, left)
+    return [values[owner == main] @ left[owner == main] for main in dict.fromkeys(owner.tolist())]
+
+
+def sizes_of_groups(model: EffectModel) -> list[float]:
+    """Sum of squares of what each finding with its refinements does in the rows, in units of the noise.
+
+    Of all of it: with what the geometry would take up, too; but for parameters that are collinear with the geometry.
+    """
+    columns = np.vstack([model.start.columns(s.effect)[0] for s in model.steps])
+    left = model.start.project(columns)
+    owner, values = _values(model, left)
+    values[np.sum(left**2, axis=1) <= (1 - ABSORBED) * np.sum(columns**2, axis=1)] = 0.0
+    return [float(np.sum((values[owner == k] @ columns[owner == k]) ** 2)) for k in dict.fromkeys(owner.tolist())]
+
+
+def _values(model: EffectModel, left: Array) -> tuple[Array, Array]:
+    """Of each column of a model's steps the main step it belongs to, and its estimate beside the geometry.
+
+    Parameters
+    ----------
+    left : (k, N + ties) what the geometry leaves of the columns.
+    """
     start = model.start
-    columns = [start.columns(s.effect)[0] for s in model.steps]
-    holds = zip(model.linear.holds[len(start.holds) :], columns, strict=True)
-    left = start.project(np.vstack(columns))
-    tied = np.concatenate([hold if len(hold) else np.zeros(len(own)) for hold, own in holds])
+    sizes = [len(start.columns(s.effect)[0]) for s in model.steps]
+    holds = zip(model.linear.holds[len(start.holds) :], sizes, strict=True)
+    tied = np.concatenate([hold if len(hold) else np.zeros(size) for hold, size in holds])
     norms = np.sqrt(np.maximum(np.sum(left**2, axis=1) + tied**2, NOTHING))
-    left /= norms[:, None]
-    gram = left @ left.T + np.diag(np.square(tied / norms) + ROUNDED)
-    values = np.linalg.solve(gram, left @ start.residual)
+    scaled = left / norms[:, None]
+    gram = scaled @ scaled.T + np.diag(np.square(tied / norms) + ROUNDED)
+    values = np.linalg.solve(gram, scaled @ start.residual) / norms
     mains = [k if s.parent is None else s.parent for k, s in enumerate(model.steps)]
-    owner = np.repeat(mains, [len(own) for own in columns])
-    return [values[owner == main] @ left[owner == main] for main in dict.fromkeys(mains)]
+    return np.repeat(mains, sizes), values
 
 
 def with_estimated_sizes(model: EffectModel) -> list[Effect]:

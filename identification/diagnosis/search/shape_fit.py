@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
-from identification.diagnosis.decisions.constants import ABSORBED, FORM_ABSORBED
+from identification.diagnosis.decisions.constants import ABSORBED, FORM_ABSORBED, LEAST_EVIDENCE
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.blocks import NOTHING
@@ -23,6 +24,7 @@ MOMENTS = 20  # places of a sudden change that are tried at a time
 MOST_TRIED = 60  # lags that did not begin in equilibrium
 FIRST_STATES = -0.7, -0.25, 0.25, 0.7  # of them the departures from which the best is sought, in changes of the sensor
 MAYBE = 0.5  # of the best evidence
+OF_A_NAME = 3  # proposals of one name that are examined beside the first ones
 
 
 def optimise_shapes(
@@ -94,14 +96,21 @@ def _record(
 
 
 def _shortlist(candidates: Candidates, ranked: Sequence[tuple[float, int]], first: int) -> list[int]:
-    """The first proposals, and the best of each further name that its discrepancy may yet make the better one."""
-    names = {candidates.effects[n].effect for _, n in ranked[:first]}
+    """The first proposals, and the best of each further name that its discrepancy may yet make the better one.
+
+    Of a name with several places or sensors the best of these on the grid need not be the best one off it.
+    """
     out = [n for _, n in ranked[:first]]
+    counted, best = Counter(candidates.effects[n].effect for n in out), dict[str, float]()
+    for evidence, n in ranked[:first]:
+        best.setdefault(candidates.effects[n].effect, evidence)
     for evidence, n in ranked[first:]:
         if evidence < MAYBE * ranked[0][0]:
             break
-        if candidates.effects[n].effect not in names:
-            names.add(candidates.effects[n].effect)
+        effect = candidates.effects[n]
+        most = 1 if effect.empirical else OF_A_NAME
+        if counted[effect.effect] < most and evidence >= best.setdefault(effect.effect, evidence) - LEAST_EVIDENCE:
+            counted[effect.effect] += 1
             out.append(n)
     return out
 
