@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.approach import direction
-from errormodel.arrays import Index
+from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
@@ -82,15 +82,8 @@ def find_step(machine: Machine, survey: Survey, rows: Index, part: Points) -> St
     part : their points.
     """
     table = survey.table.iloc[rows]
-    q = table[[j.name for j in machine.joints]].to_numpy(dtype=np.float64)
-    q = q[:, np.ptp(q, axis=0) > 0]
-    q = (q - q.mean(axis=0)) / np.maximum(np.ptp(q, axis=0), 1e-12)
-    side = np.column_stack([np.nan_to_num(direction(survey.table, j.name)[rows]) for j in machine.joints])
-    products = [q[:, i] * q[:, j] for i in range(q.shape[1]) for j in range(i, q.shape[1])]
-    base = np.column_stack([np.ones(len(q)), q, *products, side])
-    n = len(base)
-    u, s, _ = np.linalg.svd(base, full_matrices=False)
-    u = u[:, s > 1e-9 * s[0]]
+    u = smooth_basis(machine, survey, rows)
+    n = len(u)
     if n < FEWEST_BESIDE * u.shape[1] or n < 4 * FEWEST_BEHIND:
         return None
     residual = table[list(MEASURED)].to_numpy(dtype=np.float64) - part.pose().apply(part.nominal)
@@ -114,3 +107,14 @@ def find_step(machine: Machine, survey: Survey, rows: Index, part: Points) -> St
         return None
     size = float(np.linalg.norm(behind[at]) / free[at])
     return Step(str(table["file"].iloc[0]), int(table["row"].iloc[at]), 1e3 * size)
+
+
+def smooth_basis(machine: Machine, survey: Survey, rows: Index) -> Array:
+    """Orthonormal basis (n, k) of functions of second degree in the joints' positions and of their sides of arrival."""
+    q = survey.table[[j.name for j in machine.joints]].to_numpy(dtype=np.float64)[rows]
+    q = q[:, np.ptp(q, axis=0) > 0]
+    q = (q - q.mean(axis=0)) / np.maximum(np.ptp(q, axis=0), 1e-12)
+    side = np.column_stack([np.nan_to_num(direction(survey.table, j.name)[rows]) for j in machine.joints])
+    products = [q[:, i] * q[:, j] for i in range(q.shape[1]) for j in range(i, q.shape[1])]
+    u, s, _ = np.linalg.svd(np.column_stack([np.ones(len(q)), q, *products, side]), full_matrices=False)
+    return np.asarray(u[:, s > 1e-9 * s[0]])

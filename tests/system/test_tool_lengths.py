@@ -1,0 +1,86 @@
+"""A tool that is entered wrongly is refused by every command that reads a survey; usual offsets of targets are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from errormodel.chain import Chain
+from errormodel.exceptions import InputError
+from errormodel.machine import EffectSpec, Machine
+from errormodel.machine_file import read_machine
+from errormodel.simulation import measured_at
+from errormodel.survey import Survey
+from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS
+from errormodel.truth import Truth
+from identification.diagnosis.data_checks.gate import passed
+from identification.diagnosis.data_checks.tool_lengths import LARGEST_MM, other_tool
+from identification.diagnosis.pipeline import diagnose
+from identification.estimation.fit import fit_machine
+from identification.importing.check import check_survey
+from tests.helpers.chains import Array
+from tests.helpers.diagnosed import FRAME, SIZES, empty_survey
+
+STEP = 80.0  # mm, of the second tool
+
+
+def with_two_tools(machine: Machine, wrong: float, second: Array) -> Survey:
+    """Rows in `second` have a tool that is longer along z by `STEP` as written, and by so much more in truth."""
+    survey = empty_survey(machine, len(second), 5, channels=False, grid=False)
+    rng = np.random.default_rng(8)
+    chain = Chain(machine)
+    errors = {p.id: rng.normal(0, SIZES[p.unit]) for p in chain.parameters if p.id in chain.machine_ids}
+    written = np.tile(np.asarray(machine.tool, float), (len(second), 1))
+    written[second, 2] -= STEP
+    real = written.copy()
+    real[second, 2] -= wrong
+    table = survey.table.assign(**dict(zip(TOOL_COLUMNS, real.T, strict=True)))
+    seen = measured_at(machine, table, Truth(errors, *FRAME), 0.005, 4)
+    table = table.assign(**dict(zip(TOOL_COLUMNS, written.T, strict=True)), **{c: seen[c] for c in MEASURED})
+    return replace(survey, table=table)
+
+
+@pytest.mark.parametrize("name", ["vertical_three_axis", "gantry_crossbeam_ram", "fork_head_five_axis"])
+@pytest.mark.parametrize("wrong", [0.0, 0.5 * LARGEST_MM, 1.5 * LARGEST_MM, 45.0])
+@pytest.mark.parametrize("part", [0.5, 0.1])
+def test_a_tool_is_named_from_a_millimetre_on(name: str, wrong: float, part: float) -> None:
+    machine = read_machine(name)
+    second = np.arange(200) % round(1 / part) == 0
+    found = other_tool(Chain(machine), with_two_tools(machine, wrong, second))
+    if wrong < LARGEST_MM:
+        assert found is None
+        return
+    assert found is not None
+    # either may be the wrong one: their distance is what is known
+    apart = abs(found.shown[2] - found.beside[2]) - STEP
+    assert apart == pytest.approx(wrong, abs=0.05)
+    assert found.size_mm == pytest.approx(wrong, rel=0.02)
+
+
+def test_every_command_refuses_it() -> None:
+    """Also where half of the rows have it, which neither side can call the wrong one."""
+    machine = read_machine("vertical_three_axis")
+    for wrong in (5.0, 45.0):
+        survey = with_two_tools(machine, wrong, np.arange(200) % 2 == 0)
+        for command in (check_survey, diagnose, lambda m, s: passed(m, s, lambda: fit_machine(m, s))):
+            with pytest.raises(InputError, match=r"columns tool_x tool_y tool_z.*mm lie .* if these are right.*near"):
+                command(machine, survey)
+
+
+def test_tools_that_the_survey_is_to_find_are_not_refused() -> None:
+    machine = read_machine("vertical_three_axis")
+    survey = with_two_tools(machine, 5.0, np.arange(200) % 2 == 0)
+    tool = [*map(float, survey.tool[0])]
+    open_place = replace(machine, effects=(EffectSpec("target-offset", {"tool": tool, "std": "unknown"}),))
+    assert other_tool(Chain(open_place), survey) is None
+    assert passed(open_place, survey, lambda: fit_machine(open_place, survey)).fitted.rms_um < 20
+
+
+def test_tools_with_parts_of_the_travel_of_their_own_are_no_mistake() -> None:
+    """What the short tool measures up here and the long one down there are errors of the machine as well."""
+    machine = read_machine("vertical_three_axis")
+    height = empty_survey(machine, 200, 5, channels=False, grid=False).table["Z"]
+    second = (height < height.median()).to_numpy()
+    assert other_tool(Chain(machine), with_two_tools(machine, 0.3, second)) is None
