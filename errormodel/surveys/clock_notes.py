@@ -9,7 +9,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.machine import Machine
-from errormodel.path_speed import in_motion
+from errormodel.path_speed import AT_REST_S, in_motion
 from errormodel.row_order import label_numbers, measured_order
 
 if TYPE_CHECKING:
@@ -18,11 +18,12 @@ if TYPE_CHECKING:
 # time in which the fastest joint would cross its travel, s: on the fly none takes an hour, and none a tenth of a second
 _CREEPS, _FLIES = 3600.0, 0.1
 _DRIFTS, _FOLLOWS = 1800.0, 0.9  # s in which a machine warms up; share of a position's variance that time explains
+_LONGER = "Times are in s; if these are in min or h, write units: {time: min} or {time: h} in survey.yaml"
 _SELDOM, _ROWS = 2, 20  # times that a clock is set back, in as many rows at least: readings late in a log are more
 
 
 def clock_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
-    """A note where times fall, or rows on a path that runs on creep, or any rows fly as no machine does."""
+    """Notes where times fall, or rows creep on a path that runs on, or any fly, or are read at rest too soon."""
     if "time" not in table:
         return
     steps = table["time"].groupby(label_numbers(table, ["file", "run"])).diff()
@@ -60,10 +61,13 @@ def clock_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
             f"{crossed / 3600:.3g} h for its travel. Times are in s; if these are in ms, write units: {{time: ms}} in "
             "survey.yaml"
         )
+    usual = float(np.median(np.diff(time)[moves]))
     if crossed < _FLIES:
+        yield f"column time: from row to row the fastest joint would cross its travel in {crossed:.2g} s. {_LONGER}"
+    elif usual < AT_REST_S and not in_motion(path, time):
         yield (
-            f"column time: from row to row the fastest joint would cross its travel in {crossed:.2g} s. Times are in "
-            "s; if these are in min or h, write units: {time: min} or {time: h} in survey.yaml"
+            f"column time: rows that seem to be measured at rest are {usual:.2g} s apart (median), in which no machine "
+            f"comes to the next position, settles and is read. {_LONGER}"
         )
 
 

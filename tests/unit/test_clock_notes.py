@@ -33,6 +33,8 @@ def survey(step_s: float, smooth: bool) -> pd.DataFrame:
         (20.0, False, ""),
         (20000.0, False, ""),  # one pose in hours is no mistake
         (20 / 3600, False, "time: h"),
+        (20 / 60, False, "time: min"),
+        (0.3, True, ""),  # read on the fly
     ],
 )
 def test_a_unit_is_suspected_where_no_machine_moves_so(step_s: float, smooth: bool, said: str) -> None:
