@@ -36,6 +36,7 @@ from identification.compensation.coordinates import Coordinates
 from identification.compensation.designs import Designs
 from identification.compensation.field import Field, other_states
 from identification.compensation.findings import changed_columns, findings_of, outside
+from identification.compensation.late_temperatures import late_lines
 from identification.compensation.model_uncertainty import against_model, following, judged
 from identification.compensation.notes import first_lines, survey_notes
 from identification.compensation.options import check_invert, check_most, source_of, stated_x, with_load
@@ -181,19 +182,20 @@ def compensate(
     correct: Correct = (volume if follows else volume.planned).ideal
     if isinstance(controller, Controller):
         correct = emulated(controller, usual.tables, setup, volume)
-    said = state_lines(volume.at(usual.state), table, loose, correct, seed)
+    here = volume.at(usual.state)
+    said = state_lines(here, table, loose, correct, seed)
     if rotary is not None and kinematics and isinstance(controller, Controller):
         plain = plain.at(usual.state)
         bare = left(plain, emulated(controller, usual.tables, setup, plain), seed).rms_um
         rotary = replace(rotary, tables_alone_um=bare)
     found = findings_of(folder)
     columns, unconfirmed = changed_columns(found, field)
-    scales = scale_advice(volume, setup, controller, fit) if read is None else []
+    scales = scale_advice(here, setup, controller, fit) if read is None else []
     scaled_um = None
     if scales and isinstance(controller, Controller) and not controller.general:
         of = emulated(controller, usual.tables, setup, volume)
-        scaled_um = left(volume, with_scales(of, scales, volume), seed).rms_um
-    advice = mechanical_advice(volume, usual.figures[0].before.rms_um, fit)
+        scaled_um = left(here, with_scales(of, scales, here), seed).rms_um
+    advice = mechanical_advice(here, usual.figures[0].before.rms_um, fit)
     return Compensation(
         controller,
         setup,
@@ -209,18 +211,19 @@ def compensate(
             *rotation_notes(fit.frames),
             *survey_notes(volume, setup, held is not None, read),
         ),
-        (*of_tools, *said),
+        (*of_tools, *said, *late_lines(field, own is not None)),
         rotary,
         tuple(columns),
         unconfirmed,
         tuple(outside(found, field, loose)),
-        reversal_errors(volume.at(usual.state), correct, seed, controller, setup, usual.tables, found, loose, follows),
+        reversal_errors(here, correct, seed, controller, setup, usual.tables, found, loose, follows),
         first_lines(fit, setup, read, isinstance(controller, Controller)),
         tuple(scales),
         scaled_um,
         field.state["load"] if "load" in channels else None,
         controller.beyond if isinstance(controller, Controller) else region_words(volume),
         field.means,
+        ", ".join(held_at(here.field, name) for name in here.field.conditions if name.startswith(("T_", "time"))),
     )
 
 

@@ -90,6 +90,7 @@ class Compensation:
     edge : what the correction is beyond the measured volume.
     means : recorded channels of which the mean by the position of a joint is followed.
     states : state of the machine that the tables are for, and residual errors in other states.
+    adjusted_at : temperatures and time at which the sizes of `advice` and `scales` hold; empty: they change with none.
     """
 
     controller: Target
@@ -112,6 +113,7 @@ class Compensation:
     load: float | None = None
     edge: str = EDGE_HOLDS
     means: Mapping[str, Mean] = field(default_factory=dict)
+    adjusted_at: str = ""
 
     @property
     def usual(self) -> Stated:

@@ -35,7 +35,8 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     adjust: list[Advice | Scale] = sorted([*result.advice, *result.scales], key=lambda a: -a.effect_um)
     if adjust:
         yield ""
-        yield "adjust before compensating (largest first), then measure and fit again"
+        where = f"; sizes at {result.adjusted_at}" if result.adjusted_at else ""
+        yield from wrap(f"adjust before compensating (largest first{where}), then measure and fit again", TEXT_WIDTH)
         for n, a in enumerate(adjust, start=1):
             yield from wrap(f"{n}. {a.line()}", TEXT_WIDTH, initial_indent="  ", subsequent_indent="     ")
     if result.scaled_um is not None:
