@@ -31,6 +31,7 @@ from identification.diagnosis.data_checks.runs_of_motions import (
     refuse_scaled_runs,
 )
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
+from identification.diagnosis.data_checks.tool_lengths import tool_notes
 from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
 from identification.diagnosis.data_checks.untimed_path import untimed_path
 from identification.diagnosis.decisions.log import DecisionLog
@@ -233,6 +234,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
             *station_notes(final, log),
             *(f"{name} drives nothing: {reason}" for name, reason in dead.items()),
             *contrary_sides(survey, log),
+            *tool_notes(mended.chain, survey),
             *aliased_periods(model),
             *doubtful_rows(final),
             *perhaps_there(perhaps, model.linear.scene.columns),

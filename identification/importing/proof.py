@@ -24,6 +24,7 @@ from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.columns import NEAR, wrong_column
 from identification.diagnosis.data_checks.orientations import orientation_notes
 from identification.diagnosis.data_checks.steps import Step
+from identification.diagnosis.data_checks.tool_lengths import refuse_other_tools
 from identification.importing.axes_as_points import refuse_axes_as_points
 from identification.importing.exchanged_rows import CURE, FEWEST_PROVED, refuse_exchanged, refuse_few_exchanged
 from identification.importing.far_rows import far_rows
@@ -131,6 +132,7 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
         refuse_axes_as_points(machine, survey, rows, part)
     _refuse_mirror(parts, survey)
     _refuse_mistakes(machine, survey, parts)
+    refuse_other_tools(chain, survey)
     one_place = None if survey.indicated else prove_one_place(chain, survey, parts)
     oriented: tuple[str, ...] = ()
     if ORIENTATION[0] in survey.table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS
 from errormodel.truth import Truth
 from identification.diagnosis.data_checks.gate import passed
-from identification.diagnosis.data_checks.tool_lengths import LARGEST_MM, other_tool
+from identification.diagnosis.data_checks.tool_lengths import WRONG_MM, other_tool
 from identification.diagnosis.pipeline import diagnose
 from identification.estimation.fit import fit_machine
 from identification.importing.check import check_survey
@@ -24,6 +25,7 @@ from tests.helpers.chains import Array
 from tests.helpers.diagnosed import FRAME, SIZES, empty_survey
 
 STEP = 80.0  # mm, of the second tool
+SAID = r"the tool at .* mm lie .* if these are right, it is at .*near"
 
 
 def with_two_tools(machine: Machine, wrong: float, second: Array) -> Survey:
@@ -43,13 +45,13 @@ def with_two_tools(machine: Machine, wrong: float, second: Array) -> Survey:
 
 
 @pytest.mark.parametrize("name", ["vertical_three_axis", "gantry_crossbeam_ram", "fork_head_five_axis"])
-@pytest.mark.parametrize("wrong", [0.0, 0.5 * LARGEST_MM, 1.5 * LARGEST_MM, 45.0])
+@pytest.mark.parametrize("wrong", [0.0, 0.5 * WRONG_MM, 1.5 * WRONG_MM, 45.0])
 @pytest.mark.parametrize("part", [0.5, 0.1])
 def test_a_tool_is_named_from_a_millimetre_on(name: str, wrong: float, part: float) -> None:
     machine = read_machine(name)
     second = np.arange(200) % round(1 / part) == 0
     found = other_tool(Chain(machine), with_two_tools(machine, wrong, second))
-    if wrong < LARGEST_MM:
+    if wrong < WRONG_MM:
         assert found is None
         return
     assert found is not None
@@ -59,14 +61,24 @@ def test_a_tool_is_named_from_a_millimetre_on(name: str, wrong: float, part: flo
     assert found.size_mm == pytest.approx(wrong, rel=0.02)
 
 
-def test_every_command_refuses_it() -> None:
+@pytest.mark.parametrize("wrong", [5.0, 45.0])
+def test_what_signs_a_survey_refuses_it(wrong: float) -> None:
     """Also where half of the rows have it, which neither side can call the wrong one."""
     machine = read_machine("vertical_three_axis")
-    for wrong in (5.0, 45.0):
-        survey = with_two_tools(machine, wrong, np.arange(200) % 2 == 0)
-        for command in (check_survey, diagnose, lambda m, s: passed(m, s, lambda: fit_machine(m, s))):
-            with pytest.raises(InputError, match=r"columns tool_x tool_y tool_z.*mm lie .* if these are right.*near"):
-                command(machine, survey)
+    survey = with_two_tools(machine, wrong, np.arange(200) % 2 == 0)
+    for command in (check_survey, lambda m, s: passed(m, s, lambda: fit_machine(m, s))):
+        with pytest.raises(InputError, match=SAID):
+            command(machine, survey)
+
+
+def test_a_diagnosis_names_it_while_an_effect_describes_it() -> None:
+    machine = read_machine("vertical_three_axis")
+    half = np.arange(200) % 2 == 0
+    found = diagnose(machine, with_two_tools(machine, 5.0, half)).diagnosis
+    assert [f.where for f in found.findings] == ["tool"]
+    assert [n for n in found.notes if re.search(SAID, n)]
+    with pytest.raises(InputError, match=SAID):
+        diagnose(machine, with_two_tools(machine, 45.0, half))
 
 
 def test_tools_that_the_survey_is_to_find_are_not_refused() -> None:

@@ -26,7 +26,7 @@ from identification.diagnosis.data_checks.hand import left_handed
 from identification.diagnosis.data_checks.late_columns import late_column
 from identification.diagnosis.data_checks.opposite_readings import find_opposite_readings
 from identification.diagnosis.data_checks.rows import BETTER, refuse_other_targets, wrong_rows
-from identification.diagnosis.data_checks.steps import refuse_steps
+from identification.diagnosis.data_checks.steps import LARGEST_MM, refuse_steps
 from identification.diagnosis.data_checks.tool_lengths import refuse_other_tools
 from identification.diagnosis.data_checks.unrelated import refuse_still_joint, refuse_unrelated
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
@@ -62,7 +62,7 @@ def find_blunders(machine: Machine, survey: Survey, log: DecisionLog = UNRECORDE
     if len(out) >= MOST_BLUNDERS:
         log.add("most-mistakes", "refused", "survey", len(out), MOST_BLUNDERS)
     refuse_unrelated(chain, survey, log)
-    refuse_other_tools(chain, survey)
+    refuse_other_tools(chain, survey, LARGEST_MM)
     refuse_steps(machine, survey)
     _refuse_no_cure(chain, survey, out, log)
     return out

@@ -36,9 +36,8 @@ from identification.diagnosis.data_checks.readings import (
 )
 from identification.diagnosis.data_checks.readings import refuse_wild as refuse_wild_lengths
 from identification.diagnosis.data_checks.runs_of_motions import refuse_unlike_runs
-from identification.diagnosis.data_checks.steps import LARGEST_MM as LARGEST_STEP_MM
-from identification.diagnosis.data_checks.steps import refuse_steps
-from identification.diagnosis.data_checks.tool_lengths import LARGEST_MM, refuse_other_tools
+from identification.diagnosis.data_checks.steps import LARGEST_MM, refuse_steps
+from identification.diagnosis.data_checks.tool_lengths import WRONG_MM, refuse_other_tools
 from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
 from identification.estimation.checks import FOREIGN_MACHINE_SHARE, WILD, WILD_FROM, another, far_off, looked_over
 from identification.estimation.result import Fit
@@ -92,10 +91,10 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
         refuse_another_machine(fit)
     elif (mirrored := left_handed(fit.chain, survey)) is not None:
         raise refused(survey, mirrored)
-    elif nominal.n and 1e-3 * nominal.max_um >= LARGEST_MM / 4:  # the frame takes half of what half of the rows have
+    elif nominal.n and 1e-3 * nominal.max_um >= LARGEST_MM / 4:  # the frame takes half of a step
+        refuse_steps(machine, survey)
+    if nominal.n and 1e-3 * nominal.max_um >= WRONG_MM / 4:  # and of what half of the rows have
         refuse_other_tools(fit.chain, survey)
-        if 1e-3 * nominal.max_um >= LARGEST_STEP_MM / 4:
-            refuse_steps(machine, survey)
     _refuse_opposite(survey, fit)
     return fit
 

@@ -6,6 +6,7 @@ Parameters and effects would follow it: a fit would call its half noise, a diagn
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,7 @@ from identification.diagnosis.data_checks.rows import FEWEST_OF_TARGET
 from identification.diagnosis.data_checks.steps import GAIN, smooth_basis
 from identification.observation.stated_tip import tip_is_stated
 
-LARGEST_MM = 1.0  # tools are measured to some hundredths, seats of reflectors made to tenths: more is a wrong entry
+WRONG_MM = 1.0  # tools are measured to some hundredths, seats of reflectors made to tenths: more is a wrong entry
 MOST_TOOLS = 12  # more are positions of a probe, and no set of tools
 MOST_ROWS = 3000  # that are looked at, evenly
 SURE = 10.0  # standard errors
@@ -64,14 +65,20 @@ CURE = (
 )
 
 
-def refuse_other_tools(chain: Chain, survey: Survey) -> None:
-    """InputError where rows of one tool lie beside those of another by more than tools are wrong by."""
-    if (found := other_tool(chain, survey)) is not None:
+def refuse_other_tools(chain: Chain, survey: Survey, largest_mm: float = WRONG_MM) -> None:
+    """InputError where rows of one tool lie beside those of another by more than so much."""
+    if (found := other_tool(chain, survey, largest_mm)) is not None:
         raise InputError(f"{found.file}, columns {' '.join(TOOL_COLUMNS)}", found.found, CURE)
 
 
-def other_tool(chain: Chain, survey: Survey) -> OtherTool | None:
-    """The tool that lies furthest from where it is written, beside that of most rows; None where all are right.
+def tool_notes(chain: Chain, survey: Survey) -> Iterator[str]:
+    """A note on a tool that is probably entered wrongly, where an effect describes it still."""
+    if (found := other_tool(chain, survey)) is not None:
+        yield f"{found.file}: {found.found}. {CURE}"
+
+
+def other_tool(chain: Chain, survey: Survey, largest_mm: float = WRONG_MM) -> OtherTool | None:
+    """The tool that lies furthest from where it is written, beside that of most rows; None where none lies so far.
 
     Least squares of the displacements of the tools in the last frame, beside a frame, a common displacement and a model
     of second degree in the joints' positions and sides of arrival. A tool is named where all displacements together
@@ -81,12 +88,12 @@ def other_tool(chain: Chain, survey: Survey) -> OtherTool | None:
         return None
     for rows in groups(survey):
         every = max(-(-len(rows) // MOST_ROWS), 1)
-        if (found := _of_file(chain, survey, rows[::every])) is not None:
+        if (found := _of_file(chain, survey, rows[::every], largest_mm)) is not None:
             return found
     return None
 
 
-def _of_file(chain: Chain, survey: Survey, rows: Index) -> OtherTool | None:
+def _of_file(chain: Chain, survey: Survey, rows: Index, largest_mm: float) -> OtherTool | None:
     written = survey.tool[rows]
     if not len(rows) or (written == written[0]).all():
         return None
@@ -130,7 +137,7 @@ def _of_file(chain: Chain, survey: Survey, rows: Index) -> OtherTool | None:
     shifts = shifts.reshape(-1, 3)
     sizes = np.linalg.norm(shifts, axis=1)
     k = int(np.argmax(sizes))
-    if sizes[k] < max(LARGEST_MM, SURE * float(np.linalg.norm(errors[k]))):
+    if sizes[k] < max(largest_mm, SURE * float(np.linalg.norm(errors[k]))):
         return None
     place, table = places[others[k]], survey.table.iloc[rows]
     numbers = tuple(table["row"].to_numpy()[target == others[k]].tolist())
