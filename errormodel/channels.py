@@ -13,6 +13,7 @@
 - ``rate(X)``: speed of X (mm/s or rad/s) by the times of the rows: derivative of a spline.
 - ``resumed(3600,900)``: time from which the machine worked on after a recording's end at 3600 s, with no steps longer
   than 900 s but rests (`errormodel.machine_rests`).
+- ``w_x2 less X``: what the encoder of a second drive, ``w_x2``, reads beyond the position of X, mm.
 - ``point_x``: not a column but the nominal position of the chain, mm.
 
 Units: mm, rad, s, degC.
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 
 # Name of a derived channel. A sensor's name may hold commas and brackets: the number follows the last comma.
 DERIVED_CHANNEL = re.compile(r"(lag|initial|play)\((.+),([^,()]+)\)", re.DOTALL)
+AHEAD_CHANNEL = re.compile(r"(w_.+) less ([^ ]+)", re.DOTALL)
 # K between two rows of one clock and time that no noise and no rounded time explains; by judgement
 AT_ONCE_KELVIN = 0.5
 # columns that must be complete; positions may be missing in rows about another joint
@@ -75,6 +77,8 @@ def channel(table: pd.DataFrame, name: str) -> Array:
         return rate(table, moving[1])
     if again := RESUMED_CHANNEL.fullmatch(name):
         return resumed(channel(table, "time"), float(again[1]), float(again[2]))
+    if name not in table and (ahead := AHEAD_CHANNEL.fullmatch(name)):
+        return channel(table, ahead[1]) - channel(table, ahead[2])
     if name.startswith("dir_"):
         return direction(table, name[4:])
     if name == "row":
@@ -119,6 +123,8 @@ def lacking(there: Collection[str], names: Iterable[str]) -> list[str]:
 
 def root(name: str) -> str:
     """Base channel of a derived one: ``T_bed`` of ``lag(T_bed,600)``, ``feed`` of a speed, ``X`` of ``rate(X)``."""
+    if ahead := AHEAD_CHANNEL.fullmatch(name):
+        return ahead[1]
     if moving := RATE_CHANNEL.fullmatch(name):
         return moving[1]
     if SPEED_CHANNEL.fullmatch(name):

@@ -10,8 +10,11 @@ from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import ClassVar, Self
 
+import numpy as np
 from pydantic import model_validator
 
+from errormodel.channels import AHEAD_CHANNEL
+from errormodel.drives import MOST_SKEW_SHARE
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Rotation, across, joint_as
@@ -21,17 +24,21 @@ from errormodel.machine import Joint, Machine
 # words in a ``w_`` column's name by which it is taken for a record of the two drives; by judgement
 DRIVE_NAME_HINTS = ("sync", "enc", "rack", "drive", "skew", "gantry", "dual", "yaw")
 
+# of a joint's positions, by which two drives differ at most for the second to be seen to follow the first; by judgement
+SAME_POSITION_SHARE = 0.02
+
 PIVOT = 500.0  # mm, usual distance of what the bridge turns about
 
 
 class GantryRacking(JointEffect):
     """Yaw of `joint` (rad) per unit of `channel`.
 
-    `channel` is a record of the two drives (``w_...``), or without one the joint across (-1 to 1 over its travel) or
-    the direction of approach ``dir_<joint>``: friction drags the bridge askew, and in a second parameter the more, the
-    farther `by`, the joint across, has its carriage from the middle (-1 to 1 over its travel). By a record of the
-    drives the joint moves `along` as well: the bridge turns about the drive whose encoder is controlled, or between
-    both; without that about the joint's own origin, which may be such a drive.
+    `channel` is a record of the two drives (``w_...``, their difference; ``w_x2 less X``, of which ``w_x2`` is the
+    position of the second one), or without one the joint across (-1 to 1 over its travel) or the direction of approach
+    ``dir_<joint>``: friction drags the bridge askew, and in a second parameter the more, the farther `by`, the joint
+    across, has its carriage from the middle (-1 to 1 over its travel). By a record of the drives the joint moves
+    `along` as well: the bridge turns about the drive whose encoder is controlled, or between both; without that about
+    the joint's own origin, which may be such a drive.
     """
 
     effect: ClassVar[str] = "gantry-racking"
@@ -41,7 +48,7 @@ class GantryRacking(JointEffect):
     separate: ClassVar[str] = "log both encoders of the gantry, or measure two lines at the ends of the bridge"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "channel": "w_sync"}
 
-    channel: str  # w_<name>, w_sync_<joint>; without a record of the drives the joint across, or dir_<joint>
+    channel: str  # w_<name>, w_sync_<joint>, w_<name> less <joint>; without a record the joint across, or dir_<joint>
     motion: Rotation = "ec"
     by: str | None = None
     along: bool = True
@@ -65,7 +72,7 @@ class GantryRacking(JointEffect):
         value, unit, size = channel(self.channel), "rad", 5e-5
         if self.channel.startswith("w_"):
             unit, size = f"rad/{self.channel}", 1e-3
-            if self.channel == joint.difference:
+            if self.channel == joint.difference or AHEAD_CHANNEL.fullmatch(self.channel):
                 unit, size = "rad/mm", 1 / joint.spacing if joint.spacing else size
         elif not self.channel.startswith("dir_"):
             value = scaled(joint_as(machine, self.channel, "prismatic", self.effect), value)
@@ -80,7 +87,12 @@ class GantryRacking(JointEffect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        pairs = [(joint, name) for joint, name in product(scene.prismatic, scene.witnesses) if _of_drives(name, joint)]
+        pairs = list[tuple[Joint, str]]()
+        for joint, name in product(scene.prismatic, scene.witnesses):
+            if _second_drive(scene, name, joint):
+                pairs.append((joint, f"{name} less {joint.name}"))
+            elif _of_drives(name, joint) and not any(_second_drive(scene, name, j) for j in scene.prismatic):
+                pairs.append((joint, name))
         pairs += [(joint, other.name) for joint, other in crossing(scene)]
         pairs += [(joint, f"dir_{joint.name}") for joint in scene.prismatic if scene.both_ways(joint)]
         for joint, name in pairs:
@@ -91,6 +103,13 @@ class GantryRacking(JointEffect):
         for joint, other in crossing(scene):
             for motion in across(joint, "e") if scene.both_ways(joint) else ():
                 yield cls(joint=joint.name, channel=f"dir_{joint.name}", motion=motion, by=other.name)
+
+
+def _second_drive(scene: Scene, name: str, joint: Joint) -> bool:
+    """Whether a channel is the position of a joint's second drive: it follows that of the joint to within a skew."""
+    ahead = scene.columns[name] - scene.columns[joint.name]
+    most = MOST_SKEW_SHARE * (joint.travel[1] - joint.travel[0])
+    return 0 < float(np.ptp(ahead)) < min(most, SAME_POSITION_SHARE * float(np.ptp(scene.columns[joint.name])))
 
 
 def _of_drives(name: str, joint: Joint) -> bool:

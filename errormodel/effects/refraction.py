@@ -5,6 +5,7 @@ Displacement in mm, quadratic in the horizontal distance from the instrument.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from itertools import combinations, product
 from typing import ClassVar
@@ -17,6 +18,8 @@ from errormodel.effects.shared import Lag, lags, only, thermal, warmth
 from errormodel.effects.travel import Translation
 from errormodel.machine import Machine, Vector
 
+# words in the name of a sensor that hangs in the air, or where it begins and ends
+AIR = re.compile(r"_(air|amb(ient)?|room|hall|ceiling|roof|floor|luft|raum|halle|decke|boden)(?![a-z])")
 LAYER_MM = 2000.0  # height over which the gradient of lying air changes by as much as it is; by judgement
 
 
@@ -48,8 +51,12 @@ class Refraction(Effect):
         return FRAME
 
     def cost(self, scene: Scene) -> float:
-        """Natural logarithm of the prior odds against it: sensors of the machine seldom follow the air's gradient."""
-        return 4.0 if self.sensor else 0.0
+        """Natural logarithm of the prior odds against it: sensors of the machine seldom follow the air's gradient.
+
+        Two in the air, by their names, are there to show it.
+        """
+        in_air = self.minus and all(n and AIR.search(n.lower()) for n in (self.sensor, self.minus))
+        return 4.0 if self.sensor and not in_air else 0.0
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ import numpy as np
 from errormodel.approach import direction
 from errormodel.arrays import Array, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain
-from errormodel.channels import DERIVED_CHANNEL, plays_among, root
+from errormodel.channels import AHEAD_CHANNEL, DERIVED_CHANNEL, channel, plays_among, root
 from errormodel.controllers.axes import directions_at_zero
 from errormodel.exceptions import InputError
 from errormodel.kernel import Kernel
@@ -85,6 +85,8 @@ class Field:
         """
         numeric = table.select_dtypes("number").median()
         state = {str(name): float(value) for name, value in numeric.items() if np.isfinite(value)}
+        ahead = [name for name in chain.channels if AHEAD_CHANNEL.fullmatch(name) and root(name) in table]
+        state |= {name: float(np.nanmedian(channel(table, name))) for name in ahead}
         known = {*state, *TOOL_CHANNELS, *(j.name for j in chain.machine.joints)}
         for name in map(root, chain.channels):
             if name not in known and not name.startswith(("dir_", "run(", "of(")):
@@ -117,7 +119,7 @@ class Field:
     @property
     def conditions(self) -> dict[str, float]:
         """Channels of the model that are conditions of use (temperatures, time, load, feed), with their values here."""
-        names = sorted(set(map(root, self.chain.channels)))
+        names = sorted({n if AHEAD_CHANNEL.fullmatch(n) else root(n) for n in self.chain.channels})
         return {name: self.state[name] for name in names if name.startswith(CONDITIONS) and name in self.state}
 
     @cached_property

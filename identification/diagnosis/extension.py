@@ -17,6 +17,7 @@ from identification.diagnosis.kept_findings import by_temperature, that_predicts
 from identification.diagnosis.linear.noise_of_kinds import with_noise_of
 from identification.diagnosis.linear.of_fit import LEAST_RUN, MOST_ROWS, set_up, unused_runs
 from identification.diagnosis.results.combined_waves import Wave, largest_wave
+from identification.diagnosis.results.departures import with_departures_merged
 from identification.diagnosis.results.findings import Untestable
 from identification.diagnosis.results.nameless_alternative import with_names_again, without_wanderers
 from identification.diagnosis.results.recorded_functions import Functions
@@ -26,7 +27,6 @@ from identification.diagnosis.results.untestable import unseen
 from identification.diagnosis.results.witnesses import WitnessResult, apply_witnesses
 from identification.diagnosis.search.candidates import Candidates, Ranked, Scores
 from identification.diagnosis.search.conditional_evidence import conditional_scores, in_correlated_noise
-from identification.diagnosis.search.departures import with_departures_merged
 from identification.diagnosis.search.forward_selection import forward_select
 from identification.diagnosis.search.instrument_noise import line_of_sight, tracker_noise, weighed_as_before
 from identification.diagnosis.search.likeliest_sensors import with_likeliest_sensors

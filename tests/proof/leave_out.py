@@ -66,6 +66,7 @@ LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
     ),
     "name-again": (("identification.diagnosis.extension", "with_names_again", _same),),
     "departure-of-form": (("identification.diagnosis.extension", "with_departures_merged", _same),),
+    "part-of-itself": ((_RESULTS + "nameless_alternative", "_part_of_itself", lambda *_: ""),),
     "part-of-more": ((_RESULTS + "nameless_alternative", "part_of_more", lambda *_: ""),),
     "whole-model": (("identification.diagnosis.extension", "with_likelier_names", _same),),
 }

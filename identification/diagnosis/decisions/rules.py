@@ -238,13 +238,18 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             NAMES, EVIDENCE, "A form that does not lead a name clearly at last has that name.", _decided("CLEARLY")
         ),
         "departure-of-form": Rule(
-            NAMES, "share of the squared size", "A curve that is a small part of a finding is a departure of its form.",
-            _decided("LITTLE", "ABSORBED"),
+            NAMES, "share of the squared size",
+            "A smooth part of a larger finding, or of what the instrument sees by one cause, departs from its form.",
+            _decided("LITTLE", "MUCH", "NEAR", "ABSORBED"),
         ),
         "part-of-more": Rule(
             NAMES, "times the squared size",
             "A curve of an axis has no name beside a finding without one, by that axis and another, that is not small.",
             _decided("MUCH", "ABSORBED"),
+        ),
+        "part-of-itself": Rule(
+            NAMES, "share of the squared size", "A name that does less than what refines its form is none.",
+            _decided("EVEN", "ABSORBED"),
         ),
         "nameless-alternative": Rule(
             NAMES, EVIDENCE, "A finding has a name only if no function without one explains it better.",

@@ -16,7 +16,7 @@ from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.results.findings import Alternative, Finding, probabilities_of
 from identification.diagnosis.results.recorded_functions import Functions, alike_motions
 from identification.diagnosis.search.criteria import moves
-from identification.diagnosis.search.model import EffectModel, sizes_of_groups
+from identification.diagnosis.search.model import EffectModel, done_by_groups
 from identification.diagnosis.search.scoring import Step
 
 
@@ -60,7 +60,7 @@ def part_of_more(model: EffectModel, group: Sequence[Step], log: DecisionLog) ->
     more = [k for k in unnamed if moves(model.start, found[k][0].effect) & alike]
     if not more:
         return ""
-    sizes = sizes_of_groups(model)
+    sizes = [float(done @ done) for done in done_by_groups(model)]
     own = next(size for size, g in zip(sizes, found, strict=True) if g[0] is group[0])
     largest = max(more, key=lambda k: sizes[k])
     share, other = sizes[largest] / max(own, 1e-300), found[largest][0].effect

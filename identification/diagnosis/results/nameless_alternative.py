@@ -36,6 +36,7 @@ from identification.diagnosis.results.findings import Alternative, Finding, prob
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.physical_limits import nameless
 from identification.diagnosis.results.recorded_functions import (
+    ALIKE,
     Functions,
     alike_motions,
     in_one_motion,
@@ -45,7 +46,7 @@ from identification.diagnosis.results.recorded_functions import (
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import score_of
 from identification.diagnosis.search.criteria import base_channels, moves
-from identification.diagnosis.search.model import EffectModel, of_groups, steps_of
+from identification.diagnosis.search.model import EffectModel, done_by_steps, of_groups, steps_of
 from identification.diagnosis.search.scoring import DETECT, Step, posterior
 from identification.results.terminal import counted
 
@@ -120,7 +121,7 @@ def refusal(
     if (probability := probability_of(group[0])) < EVEN:
         log.add("unlikely-name", "refused", main, probability, EVEN)
         return Refused("other explanations together are likelier")
-    if words := part_of_more(model, group, log):
+    if words := part_of_more(model, group, log) or _part_of_itself(model, group, log):
         return Refused(words)
     without = model.without(group)
     if main.flexible:  # any curve of its motion by what drives it has this name
@@ -157,6 +158,20 @@ def refusal(
         return None
     findings = f" as the {counted(len(together), 'finding')} of this joint" if together else ""
     return Refused(f"a function without a name explains as much{findings} ({_words(best)})", best)
+
+
+def _part_of_itself(model: EffectModel, group: Sequence[Step], log: DecisionLog) -> str:
+    """In words that what refines a finding's form does more than all that has its name, in the rows; else ""."""
+    main = group[0].effect
+    named = [s.effect.effect == main.effect for s in group]
+    if all(named):
+        return ""
+    done = dict(zip(map(id, model.steps), done_by_steps(model), strict=True))
+    parts = np.array([done[id(s)] for s in group])
+    own, whole = parts[named].sum(axis=0), parts.sum(axis=0)
+    share = float(own @ own) / max(float(whole @ whole), 1e-300)
+    log.add("part-of-itself", "refused" if share < EVEN else "kept", main, share, EVEN)
+    return "most of it is what refines its form" if share < EVEN else ""
 
 
 def _by_the_same(model: EffectModel, group: Sequence[Step]) -> list[Step]:
@@ -329,13 +344,13 @@ def _of_its_form(linear: LinearModel, effect: Effect, function: Functions) -> bo
     Not by its own joint's position, of which any curve is usual.
     """
     by_its_channels = {*map(root, function.channels)} <= {*map(root, effect.drivers)} - {effect.where}
-    return by_its_channels and _of_its_motion(linear, effect, function)
+    return by_its_channels and _of_its_motion(linear, effect, function, 1 - NEAR)
 
 
-def _of_its_motion(linear: LinearModel, effect: Effect, function: Functions) -> bool:
-    """Whether a function is a motion of the effect, or one alike at another element."""
+def _of_its_motion(linear: LinearModel, effect: Effect, function: Functions, least: float = ALIKE) -> bool:
+    """Whether a function is a motion of the effect, or one alike at another element (`alike_motions`)."""
     own, place = moves(linear, effect), (function.element, function.motion)
-    return place in own or any(place in alike_motions(linear, *one) for one in own)
+    return place in own or any(place in alike_motions(linear, *one, least) for one in own)
 
 
 def _one_name(one: Effect, other: Effect) -> bool:

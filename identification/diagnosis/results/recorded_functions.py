@@ -260,14 +260,19 @@ def _cosines(values: Array, count: int, corner: float | None) -> Array:
     return np.asarray(out - out.mean(axis=0))
 
 
-def alike_motions(linear: LinearModel, element: str, motion: str) -> list[tuple[str, Motion]]:
-    """Motions of other moved joints that do the same to the rows as a motion of an element."""
+def alike_motions(linear: LinearModel, element: str, motion: str, least: float = ALIKE) -> list[tuple[str, Motion]]:
+    """Motions of other moved joints that do the same to the rows as a motion of an element.
+
+    Parameters
+    ----------
+    least : squared correlation of their levers.
+    """
     own = linear.levers[element][MOTIONS.index(motion)]
-    least = ALIKE * float(own @ own)
+    whole = float(own @ own)
     return [
         (joint, other)
         for joint, other, unit in _unit_levers(linear)
-        if joint != element and float(unit @ own) ** 2 >= least > 0
+        if joint != element and float(unit @ own) ** 2 >= least * whole > 0
     ]
 
 

@@ -94,16 +94,24 @@ def fitted_of_groups(model: EffectModel) -> list[Array]:
     return [values[owner == main] @ left[owner == main] for main in dict.fromkeys(owner.tolist())]
 
 
-def sizes_of_groups(model: EffectModel) -> list[float]:
-    """Sum of squares of what each finding with its refinements does in the rows, in units of the noise.
+def done_by_steps(model: EffectModel) -> list[Array]:
+    """What each step does in the rows (N + ties,), in units of the noise: with what the geometry would take up, too.
 
-    Of all of it: with what the geometry would take up, too; but for parameters that are collinear with the geometry.
+    Parameters that are collinear with the geometry do nothing: nobody knows what.
     """
     columns = np.vstack([model.start.columns(s.effect)[0] for s in model.steps])
     left = model.start.project(columns)
-    owner, values = _values(model, left)
+    _, values = _values(model, left)
     values[np.sum(left**2, axis=1) <= (1 - ABSORBED) * np.sum(columns**2, axis=1)] = 0.0
-    return [float(np.sum((values[owner == k] @ columns[owner == k]) ** 2)) for k in dict.fromkeys(owner.tolist())]
+    ends = np.cumsum([len(model.start.columns(s.effect)[0]) for s in model.steps])[:-1]
+    return [v @ c for v, c in zip(np.split(values, ends), np.split(columns, ends), strict=True)]
+
+
+def done_by_groups(model: EffectModel) -> list[Array]:
+    """The same of each finding with its refinements."""
+    mains = [k if s.parent is None else s.parent for k, s in enumerate(model.steps)]
+    done = np.array(done_by_steps(model))
+    return [done[np.equal(mains, main)].sum(axis=0) for main in dict.fromkeys(mains)]
 
 
 def _values(model: EffectModel, left: Array) -> tuple[Array, Array]:

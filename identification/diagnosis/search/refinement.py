@@ -75,7 +75,7 @@ def discrepancy(linear: LinearModel, effect: Effect) -> tuple[float, float]:
     """
     if effect.random or effect.empirical:
         return 0.0, 0.0
-    further = list(_smooth_departures(linear, effect))
+    further = list(smooth_departures(linear, effect))
     if not further:
         return 0.0, 0.0
     own, values = linear.estimates([effect])
@@ -94,7 +94,7 @@ def discrepancy(linear: LinearModel, effect: Effect) -> tuple[float, float]:
     return evidence, (random.square - float(left)) * linear.freedom / linear.square
 
 
-def _smooth_departures(linear: LinearModel, effect: Effect) -> Iterator[Array]:
+def smooth_departures(linear: LinearModel, effect: Effect) -> Iterator[Array]:
     """Columns (N,) of smooth functions of the drivers, in the motions that the effect makes; of a wave, as a wave."""
     if effect.overtone(1) is not None:
         yield from _of_wave(linear, effect)
