@@ -8,14 +8,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from pydantic import model_validator
 
+from errormodel.arrays import Array
 from errormodel.channels import AHEAD_CHANNEL
 from errormodel.drives import MOST_SKEW_SHARE
-from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
+from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Rotation, across, joint_as
 from errormodel.effects.travel import crossing, scaled
@@ -38,7 +39,7 @@ class GantryRacking(JointEffect):
     ``dir_<joint>``: friction drags the bridge askew, and in a second parameter the more, the farther `by`, the joint
     across, has its carriage from the middle (-1 to 1 over its travel). By a record of the drives the joint moves
     `along` as well: the bridge turns about the drive whose encoder is controlled, or between both; without that about
-    the joint's own origin, which may be such a drive.
+    the joint's own origin, which may be such a drive. `zero` is what the record reads of drives in step, in its unit.
     """
 
     effect: ClassVar[str] = "gantry-racking"
@@ -52,6 +53,7 @@ class GantryRacking(JointEffect):
     motion: Rotation = "ec"
     by: str | None = None
     along: bool = True
+    zero: Annotated[float, FIXED] = 0.0
 
     @model_validator(mode="after")
     def _of_friction(self) -> Self:
@@ -76,6 +78,7 @@ class GantryRacking(JointEffect):
                 unit, size = "rad/mm", 1 / joint.spacing if joint.spacing else size
         elif not self.channel.startswith("dir_"):
             value = scaled(joint_as(machine, self.channel, "prismatic", self.effect), value)
+        value = value - self.zero
         out = [EffectTerm(self.joint, "", unit, {self.motion: value}, size)]
         if self.channel.startswith("w_") and self.along:
             per = f"mm{unit.removeprefix('rad')}"
@@ -87,27 +90,38 @@ class GantryRacking(JointEffect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        pairs = list[tuple[Joint, str]]()
+        pairs, zeros = list[tuple[Joint, str]](), dict[str, float]()
         for joint, name in product(scene.prismatic, scene.witnesses):
             if _second_drive(scene, name, joint):
-                pairs.append((joint, f"{name} less {joint.name}"))
+                channel, values = f"{name} less {joint.name}", _ahead(scene, name, joint)
             elif _of_drives(name, joint) and not any(_second_drive(scene, name, j) for j in scene.prismatic):
-                pairs.append((joint, name))
+                channel, values = name, scene.columns[name]
+            else:
+                continue
+            pairs.append((joint, channel))
+            middle = float(np.median(values))  # beside a large constant, which the geometry is as well, nothing shows
+            zeros[channel] = float(f"{middle:.6g}") if abs(middle) > float(np.ptp(values)) else 0.0
         pairs += [(joint, other.name) for joint, other in crossing(scene)]
         pairs += [(joint, f"dir_{joint.name}") for joint in scene.prismatic if scene.both_ways(joint)]
         for joint, name in pairs:
             for motion in across(joint, "e"):
-                yield cls(joint=joint.name, channel=name, motion=motion)
+                zero = zeros.get(name, 0.0)
+                yield cls(joint=joint.name, channel=name, motion=motion, zero=zero)
                 if name.startswith("w_"):
-                    yield cls(joint=joint.name, channel=name, motion=motion, along=False)
+                    yield cls(joint=joint.name, channel=name, motion=motion, along=False, zero=zero)
         for joint, other in crossing(scene):
             for motion in across(joint, "e") if scene.both_ways(joint) else ():
                 yield cls(joint=joint.name, channel=f"dir_{joint.name}", motion=motion, by=other.name)
 
 
+def _ahead(scene: Scene, name: str, joint: Joint) -> Array:
+    """What a channel is beyond the position of a joint."""
+    return scene.columns[name] - scene.columns[joint.name]
+
+
 def _second_drive(scene: Scene, name: str, joint: Joint) -> bool:
     """Whether a channel is the position of a joint's second drive: it follows that of the joint to within a skew."""
-    ahead = scene.columns[name] - scene.columns[joint.name]
+    ahead = _ahead(scene, name, joint)
     most = MOST_SKEW_SHARE * (joint.travel[1] - joint.travel[0])
     return 0 < float(np.ptp(ahead)) < min(most, SAME_POSITION_SHARE * float(np.ptp(scene.columns[joint.name])))
 
