@@ -8,11 +8,11 @@ from errormodel.channels import DERIVED_CHANNEL
 from identification.compensation.field import Field
 from identification.diagnosis.results.driver_words import duration
 
-SETTLED = 3.0  # time constants of a first-order lag, after which a twentieth of a change is to come
+SETTLED = 3.0  # time constants of a lag, after which a twentieth of a change is to come
 
 
 def late_lines(field: Field, own: bool) -> Iterator[str]:
-    """For each temperature that acts through a first-order lag, when its tables are right.
+    """For each temperature that acts behind a lag, when its tables are right.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def late_lines(field: Field, own: bool) -> Iterator[str]:
             lags[call[2]] = max(lags.get(call[2], 0.0), float(call[3]))
     for name, tau in lags.items():
         line = (
-            f"errors follow {name} late (first-order lag of {duration(tau)}): what is written for a temperature is "
+            f"errors follow {name} late (behind a lag of {duration(tau)}): what is written for a temperature is "
             f"right once the machine has had it for {duration(SETTLED * tau)}"
         )
         if own:

@@ -46,7 +46,7 @@ def text_of(folder: Path, out: Path, controller: str) -> str:
 
 
 def test_tables_for_a_temperature_are_for_a_machine_that_has_settled(warming: Path, tmp_path: Path) -> None:
-    said = "errors follow T_x late (first-order lag of 40 min): what is written for a temperature is right once"
+    said = "errors follow T_x late (behind a lag of 40 min): what is written for a temperature is right once"
     text = text_of(warming, tmp_path / "a", "linuxcnc-type1")
     assert f"{said} the machine has had it for 2 h" in text
     assert "behind that lag" not in text
