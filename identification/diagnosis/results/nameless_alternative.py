@@ -168,8 +168,8 @@ def _part_of_itself(model: EffectModel, group: Sequence[Step], log: DecisionLog)
         return ""
     done = dict(zip(map(id, model.steps), done_by_steps(model), strict=True))
     parts = np.array([done[id(s)] for s in group])
-    own, whole = parts[named].sum(axis=0), parts.sum(axis=0)
-    share = float(own @ own) / max(float(whole @ whole), 1e-300)
+    own, rest = parts[named].sum(axis=0), parts[np.logical_not(named)].sum(axis=0)
+    share = float(own @ own) / max(float(own @ own + rest @ rest), 1e-300)
     log.add("part-of-itself", "refused" if share < EVEN else "kept", main, share, EVEN)
     return "most of it is what refines its form" if share < EVEN else ""
 
