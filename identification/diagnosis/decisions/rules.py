@@ -71,8 +71,8 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         # ---- forward selection
         "candidate-score": Rule(
-            SELECTION, EVIDENCE, "The best candidates of a round are examined, and the best of each name near them.",
-            _decided("SIZES") + _in(_FORWARD, "LIKELY") + _in("search.shape_fit", "MAYBE"),
+            SELECTION, EVIDENCE, "The best candidates of a round are examined, and the best of each further name.",
+            _decided("SIZES") + _in(_FORWARD, "LIKELY") + _in("search.shape_fit", "MAYBE", "OF_A_NAME"),
         ),
         "least-evidence": Rule(
             SELECTION, EVIDENCE, "Where no candidate has as much evidence the search ends.", _decided("LEAST_EVIDENCE")
