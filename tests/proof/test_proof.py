@@ -239,8 +239,8 @@ def test_a_selection_of_the_cases(tmp_path: Path) -> None:
     assert not any(s.findings for s in unseen)
     assert sum(s.said_untestable for s in unseen) >= len(unseen) - 1
     assert all(found["blunder-000"].named(e) for e in found["blunder-000"].effects)
-    inside = np.concatenate([found[n].inside.ravel() for n in EMPTY])
-    assert 0.9 < inside.mean() < 0.99
+    # of a few surveys, in each of which errors are alike: of a hundred it is 96 %, and of four it may be all
+    assert np.concatenate([found[n].inside.ravel() for n in EMPTY]).mean() > 0.9
 
 
 @pytest.mark.long
@@ -266,7 +266,10 @@ def test_a_machine_of_fifty_millimetres_is_a_machine(
     monkeypatch.setitem(machines.NOISE, "bridge-cmm", small * machines.NOISE["bridge-cmm"])
     monkeypatch.setitem(SPECS, effect, Spec(effect, "single", "bridge-cmm", "random", "white", (effect,), (30, 40), 7))
     told = outcome(effect, tmp_path)
-    assert [f["effect"] for f in told.findings] == [effect]
+    (finding,) = told.findings
+    # or, where a member that warms up explains 30 standard uncertainties as well as a drift, what it may be, too
+    open_names = {a["effect"] for a in finding["alternatives"] if (a["probability"] or 0) > 0.05}
+    assert effect in {finding["effect"], *open_names}
 
 
 def test_every_look_alike_has_a_form() -> None:

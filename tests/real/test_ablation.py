@@ -11,21 +11,19 @@ from pathlib import Path
 import pytest
 
 from identification.diagnosis.pipeline import diagnose
-from tests.helpers.arm import CURVES, arm, recorded
+from tests.helpers.arm import arm, recorded
 
 pytestmark = pytest.mark.long
 
 
 def test_a_joints_curve_comes_back(ur10: Path) -> None:
-    """The first finding is the missing one. Others may follow: curves that are declared, and held down meanwhile."""
+    """The first finding is the missing one. Others may follow that are smaller: what the full model lacks as well."""
     machine = arm(ur10, without="J2")
     result = diagnose(machine, recorded(ur10, machine, 20))
     first, *others = result.diagnosis.findings
     assert (first.effect, first.where, first.motion, first.driver) == ("higher-order-geometry", "J2", ["eb"], ["J2"])
     assert first.probability > 0.94  # 0.952 is the most that a name gets: it may be what no catalogue has
     for other in others:
-        assert other.effect == "higher-order-geometry"
-        assert CURVES[other.where][0] == other.motion[0]
         assert other.heldout_rms_um.before < 0.7 * first.heldout_rms_um.before
     assert result.final.heldout.rms_um < 0.6 * result.baseline.heldout.rms_um
 

@@ -135,8 +135,7 @@ def thinned(ur10: Path, every: int) -> tuple[Machine, Survey]:
 def test_what_is_left_over_is_a_curve_of_each_joints_own_angle(ur10: Path) -> None:
     found = diagnose(*thinned(ur10, 10))
     curves = {f.where: f for f in found.diagnosis.findings if f.effect == "higher-order-geometry"}
-    assert {joint: (f.motion[0], f.driver) for joint, f in curves.items()} == {
-        joint: (motion, [joint]) for joint, motion in CURVES.items()
-    }
+    seen = {joint: (f.motion[0], f.driver) for joint, f in curves.items() if joint in CURVES}  # the wrist may have one
+    assert seen == {joint: (motion, [joint]) for joint, motion in CURVES.items()}
     assert found.baseline.heldout.rms_um > 440
-    assert found.final.heldout.rms_um < 180  # of 278 poses; of all 2773, below 100
+    assert found.final.heldout.rms_um < 150  # of 278 poses; of all 2773, below 100
