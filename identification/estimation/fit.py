@@ -6,25 +6,25 @@ frames, estimation, correction for correlated noise, bounds, cross-validation by
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
-from errormodel.conventions import ROTATIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
-from errormodel.surveys.observations import is_unknown
 from errormodel.yamlfile import Document
 from identification.bayes.settings import PriorForm
 from identification.estimation.bounded import bounded
 from identification.estimation.checks import another, check_enough, check_redundant, check_runs, far_off
+from identification.estimation.lacking_channels import judged_without, lacking_notes
 from identification.estimation.least_squares import Solution, solve
 from identification.estimation.motions import Motions, before_fit, motion_residuals
-from identification.estimation.noise import Noise, correlated
+from identification.estimation.noise import correlated
+from identification.estimation.notes import fit_notes, idle_effects
 from identification.estimation.outliers import sort_rows
 from identification.estimation.readings import Readings, reading_residuals
 from identification.estimation.replaced_effect import refitted
@@ -44,7 +44,6 @@ from identification.runtime.blas import one_blas_thread
 
 # Consecutive rows left out together in large surveys, a tenth of the rows in small ones; by judgement
 HELDOUT_BLOCK_ROWS = 600
-SECOND_ORDER_SIGMA = 3.0  # standard uncertainties of second order that are said; by judgement
 # Of a column's square sum, outside a block: of less its zero is the block's own, as that of a run is. M of readings is
 # taken at other values in a block than in all rows, and what is left of products of such columns would be no zero
 SEEN_ELSEWHERE = 1e-9
@@ -162,10 +161,11 @@ def _fit(
         residuals, nominal_residuals, heldout, notes=notes, sorting=sorting, at_bound=at_bound,
         counted=weighted.views, motions=motions, readings=readings, serial=noise,
     )  # fmt: skip
-    tests, more = [], []
+    tests, more = list[TestFile](), list[str]()
     for test in survey.test:
         if np.isfinite(test.measured).any():
             tests.append(look_at(fit, test))
+            more += lacking_notes(chain, test)
         else:
             name = test.table["file"].iloc[0]
             what = "single readings" if survey.observations else "error motions"
@@ -285,7 +285,7 @@ def held_out(
 
 def look_at(fit: Fit, test: Survey) -> TestFile:
     """Residuals of a test file after re-estimating its own frame, if it has one, and the tool if `refit` names it."""
-    chain, held = fit.chain, fit.held
+    chain, given, (test, held) = fit.chain, test, judged_without(fit, test)
     tool = chain.tool_ids[:3] if "tool" in test.refit else ()
     labels = frame_labels(test)
     known = fit.problem.frames
@@ -316,7 +316,7 @@ def look_at(fit: Fit, test: Survey) -> TestFile:
     places = {name: k for k, name in enumerate(refit)}
     residuals = residuals_of(views, places, np.array([*refit.values()]), held, len(test))
     path = str(test.table["file"].iloc[0])
-    return TestFile(path, test, Spread.of(nominal), Spread.of(residuals), residuals, nominal, refit, problem.frames)
+    return TestFile(path, given, Spread.of(nominal), Spread.of(residuals), residuals, nominal, refit, problem.frames)
 
 
 def _positions(problem: Problem) -> tuple[PositionView, ...]:
@@ -335,65 +335,3 @@ def placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
         else:
             views.append(view)
     return replace(problem, views=tuple(views))
-
-
-def second_order(solution: Solution) -> list[str]:
-    """A note where groups, which are sums of parameters to first order, are known better than that order is.
-
-    A rotation that is in the group of another turns all errors between the two.
-    """
-    base = solution.groups.base
-    names, values = [solution.unknowns[k] for k in base], np.abs(solution.values[base])
-    std = np.sqrt(np.diag(solution.covariance))
-    turns = np.array([n.rpartition(".")[2] in ROTATIONS for n in names], dtype=bool)  # of frames and members, rad
-    angle = values[turns].max(initial=0.0)
-    off = np.divide(angle * values, std, out=np.zeros_like(std), where=std > 0)
-    if not len(off) or off.max() < SECOND_ORDER_SIGMA:
-        return []
-    worst = int(off.argmax())
-    return [
-        f"rotations of {1e3 * angle:.2g} mrad turn other errors by more than their standard uncertainties, and groups "
-        f"are sums of parameters to first order only: {names[worst]} may differ from such a sum by {off[worst]:.0f} of "
-        "its own, others likewise. Correct the largest errors of the machine, or its dimensions in machine.yaml, and "
-        "measure again"
-    ]
-
-
-def idle_effects(chain: Chain, solution: Solution) -> Iterator[str]:
-    """Notes on effects of the machine that the fitted rows do not show at all."""
-    for spec, ids in zip(chain.machine.effects, chain.effect_ids, strict=True):
-        if ids and set(ids) <= set(solution.groups.no_effect):
-            yield (
-                f"effect {spec.effect} ({', '.join(ids)}) moves nothing in these rows, which therefore do not "
-                "determine it: what drives it does not change in them"
-            )
-
-
-def fit_notes(survey: Survey, solution: Solution, noise: Noise | None, longest: int) -> tuple[str, ...]:
-    """Notes for the user on correlated noise, divergence and convergence."""
-    notes = list(survey.notes)
-    if noise is not None:
-        part = 100 * noise.part / (1 + noise.part)
-        notes.append(
-            f"the residuals are correlated over about {noise.length:.0f} rows ({part:.0f} % of their variance): "
-            "standard uncertainties take it into account"
-        )
-        if noise.length > longest / 4:
-            notes.append(
-                f"that is no shorter than a quarter of the longest run ({longest} rows), so that such noise cannot be "
-                "distinguished from an offset or a drift: standard uncertainties are lower limits. Measure longer or "
-                "repeat the run, or let `errormodel diagnose` look for a drift"
-            )
-    if np.isfinite(solution.within):
-        what = "zero, and set-ups to where they start," if any(map(is_unknown, solution.unknowns)) else "zero"
-        notes.append(
-            "the poses leave some error motions so open that the fit ran away along them: all are held to "
-            f"{what} within {1e3 * solution.within:.2g} mm a metre, which changes nothing that was seen. Measure where "
-            "the joints have not been (`errormodel plan`), or declare fewer errors in machine.yaml"
-        )
-    notes += second_order(solution)
-    if not solution.converged:
-        notes.append(
-            "the iteration has not settled: errors are too large for this model, or rows contradict each other"
-        )
-    return tuple(notes)

@@ -26,9 +26,11 @@ from identification.diagnosis.data_checks.gate import passed
 from identification.diagnosis.data_checks.rows import OWN_FILE, OWN_RUN
 from identification.estimation.bounded import bounded
 from identification.estimation.checks import WILD, WILD_FROM, another, far_off, looked_over
-from identification.estimation.fit import HELDOUT_BLOCK_ROWS, fit_machine, fit_notes, look_at, moved, placed
+from identification.estimation.fit import HELDOUT_BLOCK_ROWS, fit_machine, look_at, moved, placed
+from identification.estimation.lacking_channels import lacking_notes
 from identification.estimation.least_squares import Solution
 from identification.estimation.noise import correlated
+from identification.estimation.notes import fit_notes
 from identification.estimation.result import Fit, Spread, Streamed, residuals_of
 from identification.estimation.scaled_equations import determined_step
 from identification.observation.assembly import Problem, determined_columns, frame_columns
@@ -295,8 +297,9 @@ class _Streaming:
             nominal_residuals, self.heldout_residuals(problem, solution, steps), notes=notes, at_bound=at_bound,
             counted=problem.views, streamed=kept,
         )  # fmt: skip
-        tests = tuple(look_at(fit, test) for test in self.survey.test if np.isfinite(test.measured).any())
-        return looked_over(replace(fit, tests=tests))
+        judged = [test for test in self.survey.test if np.isfinite(test.measured).any()]
+        more = [note for test in judged for note in lacking_notes(chain, test)]
+        return looked_over(replace(fit, tests=tuple(look_at(fit, t) for t in judged), notes=(*fit.notes, *more)))
 
     def window(self, problem: Problem) -> Problem:
         """The problem with rows that follow each other, for the correlation of the noise."""
