@@ -319,6 +319,9 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             VERDICT, CHANCE, "A motion that wanders in time more than correlated noise does is unexplained.",
             _decided("LEAST_P_VALUE"),
         ),
+        "motion-in-turns": Rule(
+            VERDICT, CHANCE, "A motion that repeats after two to four rows is unexplained.", _decided("LEAST_P_VALUE")
+        ),
         "non-repeatable-motion": Rule(
             VERDICT, GAIN, "A motion that varies from row to row with its levers is unexplained.",
             _decided("DECISIVE_ODDS") + _in(_NOISE, "CLEAR", "FEWEST"),

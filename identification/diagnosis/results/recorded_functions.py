@@ -28,6 +28,7 @@ ORDERS_OF_SEVERAL = {2: 3, 3: 2}  # of each of two or three commanded channels t
 # cosines of the clock, of a parameter that wanders or switches, and the orders beyond which they count less: those of
 # an exponential correlation over a tenth of the survey, and over a hundredth
 QUICK_ORDERS, CORNERS = 100, (4.0, 32.0)
+CYCLES = (2, 3, 4)  # rows after which something may repeat: nests or styli used in turn, a pawl
 RECENT = 0.7  # weight of each position in the mean of recent ones, of that of the next
 TRAVELS = (0.7, 0.95)  # the same of the distance travelled, which warms
 PLAY = 0.5  # of a joint's range
@@ -132,6 +133,14 @@ def wandering(linear: LinearModel, rows: Index) -> list[Functions]:
     """Motions that follow the clock down to quick changes: those of `recorded`."""
     quick, index = _quick(_channels(linear)[0], rows), np.searchsorted(rows, linear.index)
     return _of_each_motion(linear, (CLOCK,), quick, index)
+
+
+def in_turns(linear: LinearModel, rows: Index) -> list[Functions]:
+    """Motions that follow the place of a row in a cycle of a few rows, ``cycle(2)``."""
+    number, index = np.arange(len(next(iter(linear.scene.columns.values())))), np.searchsorted(rows, linear.index)
+    turns = {f"cycle({k})": (number % k).astype(float) for k in CYCLES}
+    functions = list(_cosines_of(turns, rows, max(CYCLES)))
+    return [part for name, values in functions for part in _of_each_motion(linear, (name,), [values], index)]
 
 
 def in_one_motion(linear: LinearModel, effects: Sequence[Effect]) -> list[Functions]:

@@ -27,7 +27,7 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.combined_waves import Wave
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.non_repeatable_motion import NonRepeatable, non_repeatable_motion
-from identification.diagnosis.results.recorded_functions import CLOCK, ROW, Functions, only, recorded
+from identification.diagnosis.results.recorded_functions import CLOCK, ROW, Functions, in_turns, only, recorded
 from identification.diagnosis.results.resampling import QUICK_RESAMPLES, clipped, gumbel, left, shifted, signed, thinned
 from identification.diagnosis.search.criteria import heldout_rms
 from identification.estimation.noise import Noise, likeliest, series_edges
@@ -92,6 +92,8 @@ class Dependence:
         """What to measure: time cannot be set."""
         if not self.channels:
             return "Return to one position again and again from elsewhere, and look whether it repeats"
+        if any(c.startswith("cycle(") for c in self.channels):
+            return "Look what takes turns from row to row: nests, styli, targets, a stop, and record which it was"
         if self.channels in ((CLOCK,), (ROW,)):
             return f"Measure {FIXED_TARGETS}"
         if any(c.rpartition("(")[0] in PATH for c in self.channels):
@@ -113,6 +115,7 @@ PATH = {
     "play": "the path of {} (a play)",
     "relay": "the end of its travel that {} was last near",
     "travel": "the distance travelled in the last rows",
+    "cycle": "which of every {} rows it is",
 }
 
 
@@ -164,7 +167,9 @@ def dependence_of(
         "dependence-of-residuals", "found" if seen else "passed", "residuals", p_value, LEAST_P_VALUE, beside=beside
     )
     if not seen:
-        wanders = _wandering(linear, parts, log)
+        quick = [part for part in parts if part.motion and part.channels == (CLOCK,)]
+        found = [own for own in (_wandering(linear, quick, log), _in_turns(linear, index, log)) if own is not None]
+        wanders = max(found, key=lambda own: own[2], default=None)
         varies = non_repeatable_motion(linear, log, wanders is not None) if wave is None else None
         if varies is not None and (wanders is None or varies.gain > wanders[2]):
             return _varying(linear, sigma_um, varies)
@@ -196,29 +201,48 @@ def _varying(linear: LinearModel, sigma_um: float, found: NonRepeatable) -> Depe
 
 
 def _wandering(
-    linear: LinearModel, parts: Sequence[Functions], log: DecisionLog
+    linear: LinearModel, quick: Sequence[Functions], log: DecisionLog
 ) -> tuple[float, Functions, float] | None:
-    """The motion that wanders or switches in time with most evidence, where correlated noise explains less of it.
+    """The motion that wanders or switches in time with most evidence (`_by_evidence`); None where nothing is seen."""
+    found = _by_evidence(linear, quick)
+    if found is None:
+        return None
+    p_value, best, _ = found
+    seen, what = p_value < LEAST_P_VALUE, f"{best.motion} of {best.element}"
+    log.add("wandering-motion", "found" if seen else "passed", "residuals", p_value, LEAST_P_VALUE, beside=what)
+    return found if seen else None
 
-    The test by resamples cannot see it: shifts along the rows keep what wanders. Noise is alike in all directions, a
-    motion is not. One over its Bayes factor, times how many were tried, bounds its p-value.
+
+def _in_turns(linear: LinearModel, index: Index, log: DecisionLog) -> tuple[float, Functions, float] | None:
+    """The motion that repeats after a few rows with most evidence (`_by_evidence`); None where nothing is seen."""
+    found = _by_evidence(linear, in_turns(linear, np.unique(index)))
+    if found is None:
+        return None
+    p_value, best, _ = found
+    seen, what = p_value < LEAST_P_VALUE, f"{best.motion} of {best.element} by {best.channels[0]}"
+    log.add("motion-in-turns", "found" if seen else "passed", "residuals", p_value, LEAST_P_VALUE, beside=what)
+    return found if seen else None
+
+
+def _by_evidence(linear: LinearModel, parts: Sequence[Functions]) -> tuple[float, Functions, float] | None:
+    """Of some motions that with most evidence, where correlated noise explains less of it.
+
+    The test by resamples cannot see what wanders or repeats after some rows: shifts along the rows keep it. Noise is
+    alike in all directions, a motion is not. One over its Bayes factor, times how many were tried, bounds its p-value.
 
     Returns
     -------
-    That p-value, the functions of the motion, and the log Bayes factor to white noise; None where nothing is seen.
+    That p-value, the functions of the motion, and the log Bayes factor to white noise; None where there is none.
     """
-    quick = [part for part in parts if part.motion and part.channels == (CLOCK,)]
     own = clipped(linear.residual, linear.basis)
     if own is None:
         return None
     linear = linear.of_residual(own)
-    evidence, _, best = best_of(linear, quick)
+    evidence, _, best = best_of(linear, parts)
     if best is None:
         return None
-    p_value = float(np.exp(min(np.log(len(quick)) - evidence_in_any_noise(linear, best), 0.0)))
-    seen, what = p_value < LEAST_P_VALUE, f"{best.motion} of {best.element}"
-    log.add("wandering-motion", "found" if seen else "passed", "residuals", p_value, LEAST_P_VALUE, beside=what)
-    return (p_value, best, evidence) if seen else None
+    p_value = float(np.exp(min(np.log(len(parts)) - evidence_in_any_noise(linear, best), 0.0)))
+    return p_value, best, evidence
 
 
 def _filtered(noise: Noise, edges: Index, functions: Array) -> Array:
