@@ -108,7 +108,9 @@ def _gross(
     if not seen.any():
         return np.zeros(len(seen), dtype=bool)
     gross: Mask = np.zeros_like(seen)
-    farthest = _farthest(square, components)
+    single = np.square(residuals[np.isfinite(residuals)])  # the components of a row may have tails each for itself
+    thinned = single[:: len(single) // MOST_USED + 1]
+    farthest = max(_farthest(square, components, len(square)), _farthest(thinned, 1, len(single)) / components)
     if np.isfinite(least) and len(square) > FEWEST:
         lead, edge = contaminated(square[:: len(square) // MOST_USED + 1], components)  # evenly over the survey
         log.add("contaminated-noise", "found" if lead > least else "passed", "rows", lead, least)
@@ -127,8 +129,8 @@ def _gross(
     return gross if few else np.zeros_like(gross)
 
 
-def _farthest(square: Array, components: int) -> float:
-    """The largest mean square of a row's components that its noise explains, by the squares (n,) of all rows.
+def _farthest(square: Array, components: int, number: int) -> float:
+    """The largest mean square of so many components that the noise explains in a `number` of them, by squares (n,).
 
     The noise is a Student's: its size is that of the median, its tail the heaviest that suits the rows not far out.
     """
@@ -145,5 +147,5 @@ def _farthest(square: Array, components: int) -> float:
     inside = np.log(betainc(k / 2, free / 2, k * edge / (k * edge + free)))
     likelihood = (log_student(x, free, k) - np.log(size)).sum(axis=0) - len(near) * inside
     heaviest = int(np.argmax(likelihood > likelihood.max() - NEARLY))
-    tail = size[heaviest] * quantile_of_student(free[heaviest], CHANCE / len(square), k)
+    tail = size[heaviest] * quantile_of_student(free[heaviest], CHANCE / number, k)
     return max(least, float(tail))
