@@ -13,6 +13,8 @@ import pandas as pd
 from errormodel.arrays import Array, Index
 from errormodel.exceptions import InputError
 from errormodel.formats.base import spoken
+from errormodel.surveys.spikes import SOON, spikes
+from errormodel.surveys.temperatures import HEATED
 
 # K rms, largest interpolation error of known readings; by judgement: the noise of usual sensors is smaller
 SENSOR_NOISE_KELVIN = 0.3
@@ -62,11 +64,14 @@ def filled(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
     InputError
         A file has the load of some rows, and nothing tells that of another.
     """
-    names = [str(n) for n in table if str(n).startswith("T_") and table[n].isna().any()]
     table, notes = _with_loads(table)
+    courses = list(_courses(table))
+    table, said = _without_spikes(table, courses)
+    names = [str(n) for n in table if str(n).startswith("T_") and table[n].isna().any()]
+    notes += said
     if not names:
         return table, notes
-    out, courses = table.copy(), list(_courses(table))
+    out = table.copy()
     for name in names:
         values = table[name].to_numpy(dtype=np.float64).copy()
         known = values[np.isfinite(values)]
@@ -78,6 +83,30 @@ def filled(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
                 now = rows[np.isnan(own) & ~np.isnan(values[rows])]
                 notes.append(_note(name, table, now, gaps, timed))
         out[name] = values
+    return out, notes
+
+
+def _without_spikes(table: pd.DataFrame, courses: list[tuple[Index, Array, bool]]) -> tuple[pd.DataFrame, list[str]]:
+    """Table without single readings of temperatures that jump off and back within minutes (`spikes`), and notes.
+
+    Where they are more than `MOST_GAPS_SHARE` of the rows the sensor is loose, and all of it stays as it was read.
+    """
+    out, notes = table, list[str]()
+    for name in (str(n) for n in table if str(n).startswith("T_") and not HEATED.search(str(n))):
+        values = table[name].to_numpy(dtype=np.float64)
+        for rows, time, timed in courses:
+            jumps = rows[spikes(values[rows], time)] if timed else rows[:0]
+            if not len(jumps) or len(jumps) > MOST_GAPS_SHARE * len(rows):
+                continue
+            out = table.copy() if out is table else out
+            out.loc[out.index[jumps], name] = np.nan
+            read = values[jumps]
+            said = f"{read.min():.4g}" + ("" if read.min() == read.max() else f" to {read.max():.4g}")
+            numbers = sorted(table["row"].iloc[jumps].tolist())
+            notes.append(
+                f"{table['file'].iloc[rows[0]]}: {name} jumps to {said} degC and back within {SOON:.0f} s in "
+                f"{spoken(numbers)}, which nothing that weighs something does: read as not measured"
+            )
     return out, notes
 
 

@@ -77,5 +77,5 @@ def fahrenheit_notes(table: pd.DataFrame) -> Iterator[str]:
 
 def _between(own: Array, other: Array) -> bool:
     """Whether a sensor lies apart from another as read, and beside it if it is in degF."""
-    near = abs((np.median(own) - 32) / 1.8 - np.median(other)) < ALIKE
+    near = any(abs((of(own) - 32) / 1.8 - np.median(other)) < ALIKE for of in (np.median, np.min))  # hot, or cold yet
     return bool(own.min() > other.max() + APART and near)

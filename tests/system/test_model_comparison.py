@@ -57,6 +57,15 @@ def test_of_two_models_alike_the_one_whose_effect_has_fewer_places_is_likelier()
     assert few - many == pytest.approx(np.log(20), abs=10.0**-DECIMALS)  # to which both are rounded
 
 
+def test_two_axes_that_one_temperature_expands_differently_are_both_named() -> None:
+    """One by one a drift of the frame and a scale of the tracker explain more than either axis."""
+    machine = read_machine("bridge_cmm")
+    survey = empty_survey(machine, 160, 7, channels=True, grid=False)
+    axes = [EffectSpec("scale-expansion", {"joint": j, "sensor": "T_0"}) for j in "XY"]
+    found = diagnose(machine, showing(survey, machine, list(zip(axes, ([1.1e-5], [9e-6]), strict=True)), 8e-4))
+    assert {(f.effect, f.where) for f in found.diagnosis.findings} == {("scale-expansion", j) for j in "XY"}
+
+
 @pytest.mark.long
 def test_a_spindle_that_also_moves_aside_is_one_finding() -> None:
     machine = read_machine("vertical_three_axis")

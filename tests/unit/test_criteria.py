@@ -19,6 +19,7 @@ from identification.diagnosis.search.criteria import (
     cross_validation_residuals,
     heldout_rms,
     one_sensor,
+    predictive_deviation,
 )
 from identification.diagnosis.search.scoring import DETECT, Step, accepted, choose
 from tests.helpers.chains import Array
@@ -48,6 +49,35 @@ def test_rows_left_out_are_predicted_by_refits_without_them(columns: int) -> Non
     assert heldout_rms(linear) == pytest.approx(np.sqrt(np.mean(twelve**2)))
 
 
+@pytest.mark.parametrize("columns", [4, 40])
+def test_rows_left_out_have_the_density_that_refits_without_them_give(columns: int) -> None:
+    """The likeliest noise of all blocks, each a normal distribution with the covariance of its prediction."""
+    rng = np.random.default_rng(3)
+    rows = np.tile(np.arange(ROWS), 3)
+    design, data = rng.normal(size=(3 * ROWS, columns)), rng.normal(size=3 * ROWS)
+    square, spread = 0.0, 0.0
+    for block in range(12):
+        own = rows // 4 == block
+        values, *_ = np.linalg.lstsq(design[~own], data[~own], rcond=None)
+        covariance = np.eye(own.sum()) + design[own] @ np.linalg.inv(design[~own].T @ design[~own]) @ design[own].T
+        off = data[own] - design[own] @ values
+        square += off @ np.linalg.solve(covariance, off)
+        spread += np.linalg.slogdet(covariance)[1]
+    expected = np.sqrt(square / len(data) * np.exp(spread / len(data)))
+    assert predictive_deviation(bench_of(design, data, rows)) == pytest.approx(expected)
+
+
+def test_a_weak_direction_of_the_geometry_does_not_hide_what_an_effect_explains() -> None:
+    """One block alone shows the geometry's second parameter well: without it the others are predicted anyhow."""
+    rng = np.random.default_rng(4)
+    weak = np.where(np.arange(ROWS) < 4, 1.0, 1e-3 * rng.normal(size=ROWS))
+    design, effect = np.column_stack([np.ones(ROWS), weak]), rng.choice([-1.0, 1.0], ROWS)
+    data = 2.0 * effect + rng.normal(size=ROWS)
+    without, beside = bench_of(design, data), bench_of(np.column_stack([design, effect]), data)
+    assert predictive_deviation(beside) < 0.7 * predictive_deviation(without)
+    assert heldout_rms(beside) > 10 * predictive_deviation(beside)
+
+
 def test_a_geometry_that_only_fits_noise_fits_better_and_predicts_worse() -> None:
     """The residual would take the richer geometry; the rows left out do not."""
     rng = np.random.default_rng(2)
@@ -55,6 +85,7 @@ def test_a_geometry_that_only_fits_noise_fits_better_and_predicts_worse() -> Non
     few, many = bench_of(design[:, :2], data), bench_of(design, data)
     assert many.square < few.square
     assert heldout_rms(many) > 1.02 * heldout_rms(few)
+    assert predictive_deviation(many) > 1.02 * predictive_deviation(few)
 
 
 def test_canonical_correlation_is_the_largest_canonical_correlation_without_the_geometry() -> None:

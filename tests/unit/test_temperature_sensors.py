@@ -66,6 +66,8 @@ def test_degrees_fahrenheit_beside_celsius_are_asked_about() -> None:
     assert note.startswith("T_bed is 65.3 to 67.08 degC where T_air is 18.6 to 18.6")
     assert "units: {T_bed: degF}" in note
     assert "--units T_bed=degF" in note
+    warming = pd.DataFrame({"T_spindle": 1.8 * (20 + 12 * t / 100) + 32, "T_room": 20 + 0.01 * t})
+    assert "as degF it would be 20 to 31.9 degC" in "".join(fahrenheit_notes(warming))
     spindle = 20 + 46 * (1 - np.exp(-t / 10))  # it begins where the room is
     alone, near = pd.DataFrame({"T_bed": 1.8 * bed + 32}), pd.DataFrame({"T_oil": 32 + 0 * bed, "T_air": air})
     for table in (pd.DataFrame({"T_spindle": spindle, "T_air": air}), alone, near):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.surveys.spikes import SPIKE_KELVIN, spikes
 from errormodel.surveys.temperatures import HEATED, in_kelvin
 
 if TYPE_CHECKING:
@@ -23,9 +24,7 @@ COARSE = 0.1  # K, resolution of a sensor that never changes
 BEFORE, SUDDEN = 10, 3.0  # rows before it got stuck, in which it moved by as many steps of its resolution
 ALIVE = 0.5  # of the rows: a sensor with noise changes in most of them
 NOISY = 0.05  # of the changes go back on the one before; where it warms, few
-SPIKE = 10.0  # K, up and at once back
 OTHER_UNIT = 2.0  # K, at most, from what the row before is in degF
-SOON = 300.0  # s: nothing that weighs something warms by that and cools again
 
 
 def dead_sensors(survey: Survey) -> dict[str, str]:
@@ -96,12 +95,9 @@ def _fault(name: str, values: Array, others: list[Array], time: Array | None) ->
             return f"stuck at {values[start]:.4g} degC in {_rows(end - start, n)} while others move by {moved:.1f} K"
     if silent := _silent(values, others):
         return silent
-    if (changed := _changed_unit(values)) and not HEATED.search(name):
-        return changed
-    spikes = _spikes(values, time)
-    if spikes:
-        return f"jumps by more than {SPIKE:.0f} K and back in {_rows(spikes, n)}"
-    return ""
+    if jumps := int(spikes(values, time).sum()):
+        return f"jumps by more than {SPIKE_KELVIN:.0f} K and back in {_rows(jumps, n)}"
+    return "" if HEATED.search(name) else _changed_unit(values)
 
 
 def _rows(count: int, n: int) -> str:
@@ -139,21 +135,8 @@ def _changed_unit(values: Array) -> str:
     """What is wrong with a sensor that goes on in degF, or in degC, from some row on."""
     before, after = values[:-1], values[1:]
     for cold, warm, units in ((before, after, "degC to degF"), (after, before, "degF to degC")):
-        rows = np.flatnonzero((np.abs(1.8 * cold + 32 - warm) < OTHER_UNIT) & (np.abs(warm - cold) > SPIKE))
+        rows = np.flatnonzero((np.abs(1.8 * cold + 32 - warm) < OTHER_UNIT) & (np.abs(warm - cold) > SPIKE_KELVIN))
         if len(rows):
             row = int(rows[0]) + 1
             return f"goes from {values[row - 1]:.4g} to {values[row]:.4g} at row {row + 1}, as from {units}"
     return ""
-
-
-def _spikes(values: Array, time: Array | None) -> int:
-    """Rows that lie far above or below the rows before and after them, these being alike."""
-    if len(values) < 3:
-        return 0
-    before, here, after = values[:-2], values[1:-1], values[2:]
-    off = np.where((here - before) * (here - after) > 0, np.minimum(np.abs(here - before), np.abs(here - after)), 0.0)
-    out = (off > SPIKE) & (np.abs(after - before) < off / 2)
-    if time is not None:
-        span = time[2:] - time[:-2]
-        out &= (span >= 0) & (span < SOON)
-    return int(out.sum())

@@ -129,7 +129,8 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _decided("MUCH") + _in(_FORWARD, "MOST_COMPETING"),
         ),
         "cross-validation": Rule(
-            SELECTION, ERRORS, "Blocks of rows must be predicted better with the effect than without it."
+            SELECTION, ERRORS,
+            "Blocks of rows, each predicted without it, must be likelier with a name, and nearer with other terms.",
         ),
         "second-sensor": Rule(
             SELECTION, EVIDENCE, "A second sensor or lag is added where it has evidence and predicts better.",
@@ -164,7 +165,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "second-cause": Rule(
             COMPARISON, EVIDENCE,
-            "It is repeated with a second cause, or two, where refinements or a curve have much evidence.",
+            "It is repeated with a second cause, or two, where refinements or a curve have much evidence, or heat does.",
             _decided("LITTLE", "LEAST_EVIDENCE", "MUCH"),
         ),
         "search-from": Rule(COMPARISON, "", "An effect that a repeated search begins with."),

@@ -21,7 +21,12 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.conditional_evidence import MOST_EXAMINED, conditional_scores
-from identification.diagnosis.search.criteria import base_channels, heldout_rms, log_likelihood_gain
+from identification.diagnosis.search.criteria import (
+    base_channels,
+    heldout_rms,
+    log_likelihood_gain,
+    predictive_deviation,
+)
 from identification.diagnosis.search.model import (
     EffectModel,
     fitted_of_groups,
@@ -118,7 +123,7 @@ def backward_eliminate(model: EffectModel, candidates: Candidates, log: Decision
         others = [g for g in model.findings if g[0] is not group[0]]
         if others and not _accepted_beside(model.without(group), group, candidates, log):
             fewer = of_groups(model.start, others)
-            errors = heldout_rms(fewer.linear), heldout_rms(model.linear)
+            errors = predictive_deviation(fewer.linear), predictive_deviation(model.linear)
             out = errors[0] < NO_WORSE * errors[1]
             word: Outcome = "removed" if out else "kept"
             beside = _others(model.findings, group)
@@ -186,11 +191,13 @@ def _with_refinement(
 
 def _added(model: EffectModel, tries: Sequence[Step], log: DecisionLog) -> EffectModel | None:
     """The model with the one of some steps that predicts rows left out best; None where none predicts them better."""
-    linear = model.linear
+    # a name is judged by its density; a function that stands for no physics by how near its predictions come
+    empirical = tries[0].parent is not None or tries[0].effect.empirical
+    linear, measure = model.linear, heldout_rms if empirical else predictive_deviation
     error, _, best_growth = min(
-        (heldout_rms(g.linear), k, g) for k, g in enumerate(refit_time_constants(with_step(model, s)) for s in tries)
+        (measure(g.linear), k, g) for k, g in enumerate(refit_time_constants(with_step(model, s)) for s in tries)
     )
-    before = heldout_rms(linear)
+    before = measure(linear)
     new = best_growth.steps[len(model.steps)]
     word: Outcome = "refused" if error >= before else "added" if new.parent is None else "merged"
     gain = log_likelihood_gain(linear, linear.delta_chi2(best_growth.linear))
@@ -283,7 +290,7 @@ def add_second_sensor(model: EffectModel, candidates: Candidates, log: DecisionL
     one, other, evidence = found
     pair = [replace(group[0], effect=one), group[0].of_another(other, evidence)]
     trial = refit_time_constants(of_groups(model.start, [*others, pair]))
-    better = heldout_rms(trial.linear) < heldout_rms(model.linear)
+    better = predictive_deviation(trial.linear) < predictive_deviation(model.linear)
     log.add("second-sensor", "merged" if better else "refused", other, evidence, LEAST_EVIDENCE, beside=group[0].effect)
     return trial if better else model
 

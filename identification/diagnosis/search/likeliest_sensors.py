@@ -16,7 +16,7 @@ from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outc
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.candidates import Candidates, score_of
 from identification.diagnosis.search.conditional_evidence import conditional_scores
-from identification.diagnosis.search.criteria import heldout_rms
+from identification.diagnosis.search.criteria import predictive_deviation
 from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.other_lags import Lags, by_others, in_equilibrium, lags_behind, sensors_of
 from identification.diagnosis.search.scoring import Step
@@ -40,7 +40,7 @@ def with_likeliest_sensors(model: EffectModel, candidates: Candidates, log: Deci
             continue
         rest = [s for s in more if not any(s is own for own in further)]
         other = of_groups(out.start, [*groups[:k], [main.of_another(effect), *rest], *groups[k + 1 :]])
-        errors = heldout_rms(other.linear), heldout_rms(out.linear)
+        errors = predictive_deviation(other.linear), predictive_deviation(out.linear)
         better = errors[0] < NO_WORSE * errors[1]
         word: Outcome = "preferred" if better else "refused"
         log.add("likeliest-sensor", word, effect, ratio(*errors), NO_WORSE, beside=main.effect)

@@ -16,13 +16,14 @@ from functools import partial
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.channels import root
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.constants import CLEARLY, LEAST_EVIDENCE, LITTLE, MUCH, NEAR, NO_WORSE
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, named, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.candidates import Candidates, score_of
 from identification.diagnosis.search.conditional_evidence import MOST_EXAMINED
-from identification.diagnosis.search.criteria import heldout_rms, one_sensor
+from identification.diagnosis.search.criteria import base_channels, one_sensor, predictive_deviation
 from identification.diagnosis.search.forward_selection import MOST_STEPS, forward_select
 from identification.diagnosis.search.model import EffectModel, replayed, steps_of
 from identification.diagnosis.search.name_pairs import likeliest_two
@@ -57,6 +58,7 @@ def compare_alternatives(
     looked : of findings that the first search compared with others, what was fitted of them then (`reselect`).
     """
     begin = [*_alternatives(model, log), *_second_causes(model, candidates, log), *_two_names(model, candidates, log)]
+    begin += _two_members(model, candidates, log)
     begin += others
     best, found = _best_of_searches(model, begin, 1, candidates, progress, log, looked)
     if best is not model:  # it has alternatives of its own
@@ -135,7 +137,7 @@ def _best_of_searches(
         word: Outcome = "accepted" if better else "refused"
         log.add("model-evidence", word, what, value - most, least - most, beside=_effects(best))
         if better:
-            errors = heldout_rms(other.linear), heldout_rms(best.linear)
+            errors = predictive_deviation(other.linear), predictive_deviation(best.linear)
             better = errors[0] < NO_WORSE * errors[1]
             word = "accepted" if better else "refused"
             log.add("model-cross-validation", word, what, ratio(*errors), NO_WORSE, beside=_effects(best))
@@ -261,6 +263,23 @@ def _two_names(model: EffectModel, candidates: Candidates, log: DecisionLog) -> 
         if both and min(s.evidence for s in both[-2:]) > LEAST_EVIDENCE:
             log.add("second-cause", "examined", both[-1].effect, both[-1].evidence, beside=both[-2].effect)
             yield both
+
+
+def _two_members(model: EffectModel, candidates: Candidates, log: DecisionLog) -> Iterator[list[Step]]:
+    """The starting point with two effects of the temperatures that drive several findings, or a finding and a drift.
+
+    What two members do by one heat looks like one effect that does half of both, which had been chosen first.
+    """
+    groups = model.findings
+    own = [g for g in groups if "temperature" in base_channels(g[0].effect)]
+    drivers = frozenset(d for g in own for d in g[0].effect.drivers)
+    if len(own) < 2 or not any(root(d).startswith("T_") for d in drivers):
+        return
+    others = steps_of(g for g in groups if not any(g is o for o in own))
+    both = likeliest_two(model.start, drivers, others, candidates, at_places=True)
+    if both and min(s.evidence for s in both[-2:]) > LEAST_EVIDENCE:
+        log.add("second-cause", "examined", both[-1].effect, both[-1].evidence, beside=both[-2].effect)
+        yield both
 
 
 def _best_of_names(steps: Iterable[Step]) -> list[Step]:

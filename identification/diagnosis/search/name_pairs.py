@@ -29,7 +29,12 @@ LEAST_POSITIONS = 15  # of a joint: through fewer, two forms with four shapes an
 
 
 def likeliest_two(
-    start: LinearModel, drivers: frozenset[str], others: Sequence[Step], candidates: Candidates
+    start: LinearModel,
+    drivers: frozenset[str],
+    others: Sequence[Step],
+    candidates: Candidates,
+    *,
+    at_places: bool = False,
 ) -> list[Step]:
     """The others and the likeliest two names with a form of their own that some channels drive; none: nothing.
 
@@ -38,6 +43,7 @@ def likeliest_two(
     Parameters
     ----------
     others : the findings beside which they are.
+    at_places : the two may have one name, at two places.
     """
     moving = (j.name for j in start.scene.moving if j.name in drivers)
     if any(len(np.unique(start.channel(name))) < LEAST_POSITIONS for name in moving):
@@ -50,13 +56,15 @@ def likeliest_two(
         if evidence[n] > 0 and e.drivers and {*e.drivers} <= drivers and not (e.empirical or e.random)
     ]
     able = sorted(able, key=lambda n: -evidence[n])[:MOST]
-    pairs = _best_of_names(linear, candidates, able)
+    pairs = _best_of_names(linear, candidates, able, at_places)
     tried = [[*others, *_of_best_shapes(start, linear, pair, candidates)] for pair in pairs]
     return max(tried, key=lambda steps: replayed(start, steps).log_posterior, default=[])
 
 
-def _best_of_names(linear: LinearModel, candidates: Candidates, able: Sequence[int]) -> list[tuple[int, int]]:
-    """The pair with most evidence (Schwarz) of each two names, those of the best names first."""
+def _best_of_names(
+    linear: LinearModel, candidates: Candidates, able: Sequence[int], at_places: bool
+) -> list[tuple[int, int]]:
+    """The pair with most evidence (Schwarz) of each two names, or names at places, those of the best names first."""
     columns, kept = list[Array](), list[int]()
     for n, left in zip(able, linear.left_of([candidates.effects[n] for n in able]), strict=True):
         norms = np.linalg.norm(left, axis=1, keepdims=True)
@@ -67,7 +75,9 @@ def _best_of_names(linear: LinearModel, candidates: Candidates, able: Sequence[i
         return []
     flat, counts = np.vstack(columns), np.array([len(own) for own in columns])
     gram, slope, first = flat @ flat.T + 1e-9 * np.eye(len(flat)), flat @ linear.residual, np.cumsum(counts) - counts
-    _, name = np.unique([candidates.effects[n].effect for n in kept], return_inverse=True)
+    effects = [candidates.effects[n] for n in kept]
+    labels = [f"{e.effect} {e.where}" if at_places else e.effect for e in effects]
+    _, name = np.unique(labels, return_inverse=True)
     best: dict[tuple[int, ...], tuple[float, tuple[int, int]]] = {}
     for two in combinations_with_replacement(np.unique(counts), 2):
         one, other = (i.ravel() for i in np.meshgrid(*(np.flatnonzero(counts == k) for k in two), indexing="ij"))
