@@ -205,6 +205,8 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     perhaps = [p for p in found.perhaps if p.effect.key not in known]
     others += with_one_more(final, perhaps)
     final = replace(known_where_recorded(final, model, first, nameless), others=others)
+    # the evidence of what is perhaps there takes for noise what varies from row to row with its levers: then it is none
+    said = () if dependence is not None and not dependence.channels else perhaps
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(outlier_finding(bad, mended.survey, found.final))
@@ -237,7 +239,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
             *tool_notes(mended.chain, survey),
             *aliased_periods(model),
             *doubtful_rows(final),
-            *perhaps_there(perhaps, model.linear.scene.columns),
+            *perhaps_there(said, model.linear.scene.columns),
             *(untimed_path(model.linear) if findings or verdict.word != "adequate" else ()),
             *verdict.notes,
         ),

@@ -229,25 +229,6 @@ def test_a_short_gap_of_a_sensor_is_interpolated(timed: bool, table: pd.DataFram
     np.testing.assert_allclose(survey.table["T_x"], np.interp(at, at[known], spoilt["T_x"][known]), atol=1e-9)
 
 
-def test_a_single_jump_of_a_sensor_is_no_reading(table: pd.DataFrame, tmp_path: Path) -> None:
-    """A loose plug reads 85 degC once; a nozzle may be as hot, and one that stays there was not loose."""
-    full = warm(table, 0.1).assign(T_nozzle=lambda t: t["T_x"])
-    full["T_step"] = full["T_x"] + np.where(full.index < 20, 0.0, 40.0)
-    spoilt = full.copy()
-    spoilt.loc[[7, 30], ["T_x", "T_nozzle"]] = 85.0
-    survey = read(spoilt, tmp_path)
-    assert any("T_x jumps to 85 degC and back within 300 s in 2 rows (8, 31)" in said for said in survey.notes)
-    np.testing.assert_allclose(survey.table["T_x"], full["T_x"], atol=0.011)  # it alternates by 0.01 K
-    for name in ("T_nozzle", "T_step"):
-        np.testing.assert_allclose(survey.table[name], spoilt[name])
-
-
-def test_a_sensor_that_jumps_all_the_time_is_left_as_it_was_read(table: pd.DataFrame, tmp_path: Path) -> None:
-    spoilt = warm(table, 0.1)
-    spoilt.loc[3:36:3, "T_x"] = 85.0
-    np.testing.assert_allclose(read(spoilt, tmp_path).table["T_x"], spoilt["T_x"])
-
-
 @pytest.mark.parametrize("timed", [True, False])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_long_gap_of_a_smooth_sensor_is_interpolated(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from identification.diagnosis.results.non_repeatable_motion import non_repeatable_motion
+from identification.diagnosis.results.non_repeatable_motion import independent_along_rows, non_repeatable_motion
 from identification.diagnosis.results.residual_dependence import dependence_of
 from tests.helpers.linear_models import NOISES, ROWS, linear, nothing
 
@@ -29,11 +29,26 @@ def test_a_state_that_switches_between_rows_is_seen_in_the_motion_that_it_makes(
     seen = [f for f in found if f is not None]
     assert len(seen) == 6
     assert {f.motion for f in seen} == {"eb"}
-    unrecorded = [f for f in seen if not f.channels]
-    assert len(unrecorded) >= 4
+    assert not any(f.channels for f in seen)  # quick functions of the clock follow it as well
     # of 3 times a lever whose square is 2/3 in the mean: 2.4, less what is clipped of it
-    assert all(1.6 < f.size_um < 2.8 for f in unrecorded)
-    assert all("varies from row to row as eb of" in f.text and "repeats" in f.text for f in unrecorded)
+    assert all(1.6 < f.size_um < 2.8 for f in seen)
+    assert all("varies from row to row as eb of" in f.text and "repeats" in f.text for f in seen)
+
+
+@pytest.mark.parametrize("dwell", [1, 4, 12])
+def test_what_stays_for_some_rows_wanders(dwell: int) -> None:
+    """A state that is kept for four rows depends on the clock; one that is drawn anew in each depends on nothing."""
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        model = linear(nothing, rng.normal(size=3 * ROWS), rng)
+        states = np.repeat(rng.choice([-1.0, 1.0], ROWS // dwell + 1), dwell)[:ROWS]
+        tilt = 2.0 * np.tile(states, 3) * model.levers["Y"][4]
+        found = dependence_of(replace(model, residual=model.residual + model.project(tilt[None])[0]), 1.0)
+        assert found is not None, seed
+        assert found.motion == "eb", seed
+        assert found.channels == (() if dwell == 1 else ("time",)), seed
+        p_value = independent_along_rows(replace(model, residual=tilt), "Y", "eb")
+        assert (p_value < 1e-3) == (dwell > 1), seed
 
 
 @pytest.mark.parametrize(("times", "seen"), [(1.3, False), (3.0, True)])

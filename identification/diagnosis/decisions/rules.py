@@ -165,7 +165,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "second-cause": Rule(
             COMPARISON, EVIDENCE,
-            "It is repeated with a second cause, or two, where refinements or a curve have much evidence, or heat does.",
+            "It is repeated with a second cause, or two, where refinements or a curve have much evidence, or by heat.",
             _decided("LITTLE", "LEAST_EVIDENCE", "MUCH"),
         ),
         "search-from": Rule(COMPARISON, "", "An effect that a repeated search begins with."),
@@ -318,6 +318,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "wandering-motion": Rule(
             VERDICT, CHANCE, "A motion that wanders in time more than correlated noise does is unexplained.",
+            _decided("LEAST_P_VALUE"),
+        ),
+        "goes-on": Rule(
+            VERDICT, CHANCE, "A motion whose neighbouring rows are independent does not wander: it does not repeat.",
             _decided("LEAST_P_VALUE"),
         ),
         "motion-in-turns": Rule(

@@ -94,7 +94,7 @@ RULES_OF_DATA: dict[str, Rule] = {
         DATA,
         "",
         "A sensor that is dead, stuck, torn off or loose drives nothing.",
-        _in(_SENSORS, "COLDEST", "WARMEST", "HOTTEST", "STUCK", "STEPS", "SUDDEN", "ALIVE", "NOISY", "SPIKE"),
+        _in(_SENSORS, "COLDEST", "WARMEST", "HOTTEST", "STUCK", "STEPS", "SUDDEN", "ALIVE", "NOISY", "SPIKE_KELVIN"),
     ),
     # ---- outliers
     "gross-outlier": Rule(

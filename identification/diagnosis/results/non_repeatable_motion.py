@@ -101,6 +101,26 @@ def _largest(linear: LinearModel) -> NonRepeatable | None:
     return NonRepeatable(*names[j], gain, gain - gain_of_covariance(residual), variance, share, len(names))
 
 
+def independent_along_rows(linear: LinearModel, element: str, motion: str) -> float:
+    """One-sided p-value of a motion that takes a value in each row of its own against one that goes on to the next.
+
+    Products of neighbours have mean zero then, whatever their variances: their sum over the root of that of their
+    squares is normal (the ratio of J. von Neumann, 1941, for unequal variances). 0 where rows have no three
+    components.
+    """
+    from scipy.stats import norm
+
+    rows = _whole_rows(linear)
+    if len(rows) < FEWEST:
+        return 0.0
+    residual, lever = linear.residual[rows], linear.levers[element][MOTIONS.index(motion)][rows]
+    farthest = CLIP * robust_scale(residual)
+    along = np.sum(np.clip(residual, -farthest, farthest) * lever, axis=1)
+    along -= along.mean()
+    products = along[1:] * along[:-1]
+    return float(norm.sf(products.sum() / np.sqrt(np.square(products).sum())))
+
+
 def _whole_rows(linear: LinearModel) -> Index:
     """Observations (rows, 3) of each row that has three components, in the order of the rows; of a pose its position.
 

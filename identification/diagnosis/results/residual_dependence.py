@@ -26,7 +26,11 @@ from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.combined_waves import Wave
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
-from identification.diagnosis.results.non_repeatable_motion import NonRepeatable, non_repeatable_motion
+from identification.diagnosis.results.non_repeatable_motion import (
+    NonRepeatable,
+    independent_along_rows,
+    non_repeatable_motion,
+)
 from identification.diagnosis.results.recorded_functions import CLOCK, ROW, Functions, in_turns, only, recorded
 from identification.diagnosis.results.resampling import QUICK_RESAMPLES, clipped, gumbel, left, shifted, signed, thinned
 from identification.diagnosis.search.criteria import heldout_rms
@@ -166,12 +170,17 @@ def dependence_of(
     log.add(
         "dependence-of-residuals", "found" if seen else "passed", "residuals", p_value, LEAST_P_VALUE, beside=beside
     )
+    if seen and part.motion and wave is None:
+        # a motion that takes another value in every row is seen as what follows quick functions of anything
+        varies = non_repeatable_motion(linear, log, left=True)
+        if varies is not None and varies.gain > best_of(linear, [part])[0]:
+            return _varying(linear, sigma_um, varies)
     if not seen:
         quick = [part for part in parts if part.motion and part.channels == (CLOCK,)]
         found = [own for own in (_wandering(linear, quick, log), _in_turns(linear, index, log)) if own is not None]
         wanders = max(found, key=lambda own: own[2], default=None)
         varies = non_repeatable_motion(linear, log, wanders is not None) if wave is None else None
-        if varies is not None and (wanders is None or varies.gain > wanders[2]):
+        if varies is not None and (wanders is None or varies.gain > wanders[2] or _alone(linear, wanders[1], log)):
             return _varying(linear, sigma_um, varies)
         if wanders is not None:
             (p_value, part, _), seen = wanders, True
@@ -191,6 +200,16 @@ def dependence_of(
     rows = CLOCK not in linear.scene.columns  # their order stands for the clock
     channels = tuple(ROW if rows and c == CLOCK else c for c in part.channels)
     return Dependence(channels, p_value, axis, size, part.element, part.motion)
+
+
+def _alone(linear: LinearModel, part: Functions, log: DecisionLog) -> bool:
+    """Whether a motion that follows the clock does not go on from row to row: quick functions follow anything."""
+    if part.channels != (CLOCK,):
+        return False
+    p_value, what = independent_along_rows(linear, part.element, part.motion), f"{part.motion} of {part.element}"
+    goes_on = p_value < LEAST_P_VALUE
+    log.add("goes-on", "found" if goes_on else "passed", "residuals", p_value, LEAST_P_VALUE, beside=what)
+    return not goes_on
 
 
 def _varying(linear: LinearModel, sigma_um: float, found: NonRepeatable) -> Dependence:
