@@ -91,8 +91,7 @@ class TargetOffset(Effect):
                 for tool in tools.tolist():
                     yield cls(tool=tuple(tool))
         yield from (cls(run=run) for run in switched(scene.runs) if not _of_tools(scene, run, number))
-        if scene.moving and scene.moving[-1].type == "rotary":  # else any step in time of what carries the tool is one
-            yield from (cls(at=at) for at in moments(scene))
+        yield from (cls(at=at) for at in moments(scene))
 
 
 def _of_tools(scene: Scene, run: str | tuple[str, ...], number: Index) -> bool:

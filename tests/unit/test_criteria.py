@@ -88,6 +88,14 @@ def test_a_geometry_that_only_fits_noise_fits_better_and_predicts_worse() -> Non
     assert predictive_deviation(many) > 1.02 * predictive_deviation(few)
 
 
+def test_heat_is_one_cause_and_an_event_is_none() -> None:
+    """What a knock leaves is no form of what a sensor drives; a drift by the clock may be."""
+    knock, drift = make(EffectSpec("station-shift", {"at": 1800.0})), make(EffectSpec("tracker-drift", {}))
+    growth = make(EffectSpec("spindle-growth", {"sensor": "T_spindle"}))
+    assert base_channels(growth) == base_channels(drift) == {"temperature"}
+    assert base_channels(knock) == {"time"}
+
+
 def test_canonical_correlation_is_the_largest_canonical_correlation_without_the_geometry() -> None:
     rng = np.random.default_rng(3)
     design = rng.normal(size=(ROWS, 3))

@@ -53,23 +53,15 @@ def test_without_lengths_a_member_may_be_a_ram_or_a_slide() -> None:
     assert [member_of(machine, joint_of(machine, n)) for n in ("X", "W")] == ["slide", ""]
 
 
-@pytest.mark.parametrize(
-    ("name", "by"),
-    [
-        ("six_axis_arm", {("run(2)",), ("time",)}),
-        ("five_axis_table_quill", {("run(2)",)}),
-        ("vertical_three_axis", {("run(2)",)}),
-    ],
-)
-def test_a_target_is_exchanged_between_runs_and_where_a_turn_shows_it_within(
-    name: str, by: set[tuple[str, ...]]
-) -> None:
+@pytest.mark.parametrize("name", ["six_axis_arm", "five_axis_table_quill", "vertical_three_axis"])
+def test_a_target_is_exchanged_between_runs_and_within(name: str) -> None:
+    """Also where no joint turns it, and a station that moves looks alike: both are named then."""
     machine = read_machine(name)
     rng = np.random.default_rng(0)
     columns = {j.name: rng.uniform(*j.travel, 40) for j in machine.joints}
     columns |= {"time": 60.0 * np.arange(40.0), "run(2)": np.repeat([0.0, 1.0], 20)}
     drivers = {e.drivers for e in registry()["target-offset"].proposals(Scene(machine, columns))}
-    assert drivers == {(), *by}
+    assert drivers == {(), ("run(2)",), ("time",)}
 
 
 @pytest.mark.parametrize(("tools", "by_run"), [([0, 1, 0, 2], {"1", "3"}), ([0, 0, 1, 1], {"1", "2", "3", "4"})])

@@ -35,10 +35,12 @@ def canonical_correlation(linear: LinearModel, one: Array, other: Array) -> floa
 def base_channels(effect: Effect) -> frozenset[str]:
     """Recorded channels behind an effect's drivers: of ``lag(T_bed,600)``, ``T_bed``.
 
-    All temperatures, and time, count as one cause: "temperature".
+    All temperatures, and time, count as one cause: "temperature". The time of an event is none: it is not heat.
     """
-    names = map(root, effect.drivers)
-    return frozenset("temperature" if n.startswith("T_") or n == "time" else n for n in names)
+    event = getattr(effect, "at", None) is not None
+    return frozenset(
+        "temperature" if n.startswith("T_") or (n == "time" and not event) else n for n in map(root, effect.drivers)
+    )
 
 
 def one_sensor(one: Effect, other: Effect) -> bool:

@@ -108,7 +108,7 @@ def forward_select(
             seen.add(_causes(model))
     else:
         log.add("most-steps", "refused", None, len(model.steps), MOST_STEPS)
-    model = backward_eliminate(model, candidates, log)
+    model = backward_eliminate(_without_hidden_lags(model), candidates, log)
     asked = least is None or model.log_posterior > least
     return conditional_scores(model, candidates, log) if asked else model
 
@@ -267,6 +267,21 @@ def refit_time_constants(model: EffectModel) -> EffectModel:
                 model = replayed(model.start, steps)
         if model.linear.square > 0.995 * before:
             break
+    return model
+
+
+def _without_hidden_lags(model: EffectModel) -> EffectModel:
+    """The model without lags shorter than the time between two rows that are not worth a parameter (Schwarz)."""
+    for k, step in enumerate(model.steps):
+        tau = getattr(step.effect, "tau", None)
+        if not tau or "time" in step.effect.drivers or tau > _between(model):
+            continue
+        at_once, rest = step.effect.model_copy(update={"tau": 0.0}), model.without([step])
+        freedom = max(model.linear.freedom, 2)
+        if rest.square_with(at_once) < rest.square_with(step.effect) + np.log(freedom) * model.linear.square / freedom:
+            steps = list(model.steps)
+            steps[k] = replace(step, effect=at_once)
+            model = replayed(model.start, steps)
     return model
 
 
