@@ -24,7 +24,7 @@ from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.columns import NEAR, wrong_column
 from identification.diagnosis.data_checks.orientations import orientation_notes
 from identification.diagnosis.data_checks.steps import Step
-from identification.diagnosis.data_checks.tool_lengths import refuse_other_tools
+from identification.diagnosis.data_checks.tool_lengths import NOTED_MM, refuse_other_tools, tool_notes
 from identification.importing.axes_as_points import refuse_axes_as_points
 from identification.importing.exchanged_rows import CURE, FEWEST_PROVED, refuse_exchanged, refuse_few_exchanged
 from identification.importing.far_rows import far_rows
@@ -71,7 +71,7 @@ class Proof:
     other : another order that fits as well, where the join is by order; looked for by an import.
     one_place : what a fit says where all commands are at one place.
     standings : where the measuring frames lie beside the machine.
-    oriented : what may be wrong with measured orientations.
+    probable : what is probably wrong with measured orientations, or with the tools.
     """
 
     rows: Index
@@ -91,7 +91,7 @@ class Proof:
     other: OtherOrder | None = None
     one_place: OnePlace | None = None
     standings: tuple[Standing, ...] = ()
-    oriented: tuple[str, ...] = ()
+    probable: tuple[str, ...] = ()
 
     @property
     def too_good(self) -> str:
@@ -134,9 +134,9 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
     _refuse_mistakes(machine, survey, parts)
     refuse_other_tools(chain, survey)
     one_place = None if survey.indicated else prove_one_place(chain, survey, parts)
-    oriented: tuple[str, ...] = ()
+    probable = tuple(tool_notes(chain, survey, NOTED_MM))
     if ORIENTATION[0] in survey.table:
-        oriented = orientation_notes(survey, build(chain, survey))
+        probable += orientation_notes(survey, build(chain, survey))
     rows = np.concatenate([r for r, _ in parts]) if parts else np.zeros(0, dtype=np.intp)
     nominal = np.vstack([p.pose().apply(p.nominal) for _, p in parts]) if parts else empty
     measured = np.vstack([p.measured for _, p in parts]) if parts else empty
@@ -159,7 +159,7 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
     return Proof(
         rows, nominal, measured, *figures, reach, repeats, 1e3 * scatter, dwell, wild, _follows(chain, survey), flat,
         tuple(steps), one_place=one_place,
-        standings=() if one_place or survey.indicated else standings(chain, survey, parts), oriented=oriented,
+        standings=() if one_place or survey.indicated else standings(chain, survey, parts), probable=probable,
     )  # fmt: skip
 
 

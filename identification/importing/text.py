@@ -165,7 +165,7 @@ def proof_lines(proof: Proof, survey: Survey) -> Iterator[str]:
         rows = survey.table["row"].to_numpy()[proof.wild]
         more = " ..." if len(rows) > LISTED else ""
         yield f"far from their commands: rows {', '.join(map(str, rows[:LISTED]))}{more} (fit with --robust)"
-    yield from proof.oriented
+    yield from proof.probable
     yield from proof.follows
 
 

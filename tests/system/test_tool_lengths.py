@@ -17,10 +17,10 @@ from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS
 from errormodel.truth import Truth
 from identification.diagnosis.data_checks.gate import passed
-from identification.diagnosis.data_checks.tool_lengths import WRONG_MM, other_tool
+from identification.diagnosis.data_checks.tool_lengths import NOTED_MM, WRONG_MM, other_tool
 from identification.diagnosis.pipeline import diagnose
 from identification.estimation.fit import fit_machine
-from identification.importing.check import check_survey
+from identification.importing.check import check_lines, check_survey
 from tests.helpers.chains import Array
 from tests.helpers.diagnosed import FRAME, SIZES, empty_survey
 
@@ -69,6 +69,32 @@ def test_what_signs_a_survey_refuses_it(wrong: float) -> None:
     for command in (check_survey, lambda m, s: passed(m, s, lambda: fit_machine(m, s))):
         with pytest.raises(InputError, match=SAID):
             command(machine, survey)
+
+
+def test_a_small_error_of_a_tool_is_noted() -> None:
+    """0.3 mm go into the parameters of the machine, at many standard uncertainties, and are said."""
+    machine = read_machine("fork_head_five_axis")
+    half = np.arange(200) % 2 == 0
+    for wrong in (0.0, 0.3):
+        survey = with_two_tools(machine, wrong, half)
+        fitted = passed(machine, survey, lambda survey=survey: fit_machine(machine, survey))
+        for said in (fitted.notes, check_lines(check_survey(machine, survey))):
+            assert bool([text for text in said if re.search(SAID, text)]) == bool(wrong)
+
+
+@pytest.mark.parametrize("zero_deg", [0.5, 2.0])
+def test_the_zero_of_a_wrist_is_no_error_of_reflectors(zero_deg: float) -> None:
+    """It turns all of them about the last axis: what an arm is calibrated for."""
+    machine = read_machine("six_axis_arm")
+    survey = empty_survey(machine, 120, 5, channels=False, grid=False)
+    chain = Chain(machine)
+    errors = {p.id: 0.0 for p in chain.parameters if p.id in chain.machine_ids}
+    errors["L6.eb"] = np.radians(zero_deg)
+    places = np.array([[80.0, -100.0, 0.0], [-40.0, -130.0, -70.0], [-40.0, -100.0, 70.0]])
+    table = survey.table.assign(**dict(zip(TOOL_COLUMNS, places[np.arange(120) % 3].T, strict=True)))
+    seen = measured_at(machine, table, Truth(errors, *FRAME), 0.02, 4)
+    survey = replace(survey, table=table.assign(**{c: seen[c] for c in MEASURED}))
+    assert other_tool(chain, survey, NOTED_MM) is None
 
 
 def test_a_diagnosis_names_it_while_an_effect_describes_it() -> None:

@@ -37,7 +37,7 @@ from identification.diagnosis.data_checks.readings import (
 from identification.diagnosis.data_checks.readings import refuse_wild as refuse_wild_lengths
 from identification.diagnosis.data_checks.runs_of_motions import refuse_unlike_runs
 from identification.diagnosis.data_checks.steps import LARGEST_MM, refuse_steps
-from identification.diagnosis.data_checks.tool_lengths import WRONG_MM, refuse_other_tools
+from identification.diagnosis.data_checks.tool_lengths import NOTED_MM, WRONG_MM, refuse_other_tools, tool_notes
 from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
 from identification.estimation.checks import FOREIGN_MACHINE_SHARE, WILD, WILD_FROM, another, far_off, looked_over
 from identification.estimation.result import Fit
@@ -81,9 +81,9 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
         refuse_wild_lengths(survey, lengths)
     refuse_turned_head(fit)
     oriented = orientation_notes(fit.survey, fit.problem)
-    fit = replace(
-        fit, notes=(*fit.notes, *start_notes(fit.survey, lengths), *oriented, *(() if robust else gross_notes(fit)))
-    )
+    tools = tool_notes(fit.chain, fit.survey, NOTED_MM)
+    gross = () if robust else gross_notes(fit)
+    fit = replace(fit, notes=(*fit.notes, *start_notes(fit.survey, lengths), *oriented, *tools, *gross))
     refuse_unstated_rotation(fit)
     nominal = fit.nominal
     if nominal.n and 1e-3 * nominal.max_um >= MACHINE_ERROR_SHARE * fit.chain.size:

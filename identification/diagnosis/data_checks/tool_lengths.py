@@ -21,6 +21,7 @@ from identification.diagnosis.data_checks.rows import FEWEST_OF_TARGET
 from identification.diagnosis.data_checks.steps import GAIN, smooth_basis
 from identification.observation.stated_tip import tip_is_stated
 
+NOTED_MM = 0.05  # less is how well tools are known; what an effect or a prior may describe is said, and not refused
 WRONG_MM = 1.0  # tools are measured to some hundredths, seats of reflectors made to tenths: more is a wrong entry
 MOST_TOOLS = 12  # more are positions of a probe, and no set of tools
 MOST_ROWS = 3000  # that are looked at, evenly
@@ -71,18 +72,20 @@ def refuse_other_tools(chain: Chain, survey: Survey, largest_mm: float = WRONG_M
         raise InputError(f"{found.file}, columns {' '.join(TOOL_COLUMNS)}", found.found, CURE)
 
 
-def tool_notes(chain: Chain, survey: Survey) -> Iterator[str]:
-    """A note on a tool that is probably entered wrongly, where an effect describes it still."""
-    if (found := other_tool(chain, survey)) is not None:
+def tool_notes(chain: Chain, survey: Survey, largest_mm: float = WRONG_MM) -> Iterator[str]:
+    """A note on a tool that is probably entered wrongly by more than so much, where nothing refuses it."""
+    if (found := other_tool(chain, survey, largest_mm)) is not None:
         yield f"{found.file}: {found.found}. {CURE}"
 
 
 def other_tool(chain: Chain, survey: Survey, largest_mm: float = WRONG_MM) -> OtherTool | None:
     """The tool that lies furthest from where it is written, beside that of most rows; None where none lies so far.
 
-    Least squares of the displacements of the tools in the last frame, beside a frame, a common displacement and a model
-    of second degree in the joints' positions and sides of arrival. A tool is named where all displacements together
-    leave a quarter of that model's variance at most: errors of a machine are no displacement of one tool.
+    Least squares of the displacements of the tools in the last frame, beside a frame, a common displacement, a common
+    turn of the last member (which displaces two tools against each other across the line between them, as the zero of
+    a wrist does) and a model of second degree in the joints' positions and sides of arrival. A tool is named where all
+    displacements together leave a quarter of that model's variance at most: errors of a machine are no displacement of
+    one tool. Directions that the common ones make as well are not known, and count as right.
     """
     if not tip_is_stated(chain.machine):  # its places are known to so much, or not at all
         return None
@@ -112,9 +115,28 @@ def _of_file(chain: Chain, survey: Survey, rows: Index, largest_mm: float) -> Ot
     of_first = at - np.einsum("kni,nk->ni", axes, written - places[first])
     turns = [np.cross(axis, of_first - of_first.mean(axis=0)) for axis in np.eye(3)]
     few = np.setdiff1d(np.arange(len(places)), known)  # rows of which nothing is said
+    tilts = [np.einsum("kni,nk->ni", axes, np.cross(turn, written - places[first])) for turn in np.eye(3)]
     common = [*turns, *axes, *(axis * (target == k)[:, None] for k in few for axis in axes)]
     own = [axis * (target == k)[:, None] for k in others for axis in axes]
     base = smooth_basis(chain.machine, survey, rows)
+    # a turn of the last member may do a part of it, but not all
+    sure = _shifts(base, [*common, *tilts], own, residual, largest_mm)
+    if sure is None or (shifts := _shifts(base, common, own, residual, largest_mm)) is None:
+        return None
+    k = int(np.argmax(np.linalg.norm(shifts, axis=1)))
+    place, table = places[others[k]], survey.table.iloc[rows]
+    numbers = tuple(table["row"].to_numpy()[target == others[k]].tolist())
+    return OtherTool(str(table["file"].iloc[0]), numbers, place, place + shifts[k], places[first])
+
+
+def _shifts(base: Array, common: list[Array], own: list[Array], residual: Array, largest_mm: float) -> Array | None:
+    """Displacements (tools, 3) in the last frame, mm; None where none is surely so large, or more is left beside them.
+
+    Parameters
+    ----------
+    base : (n, k) orthonormal, of what may be in each coordinate.
+    common : vectors (n, 3) that all rows may have; `own` those of the displacement of each tool along each axis.
+    """
 
     def left(vectors: list[Array]) -> Array:
         stacked = np.array(vectors)
@@ -124,24 +146,23 @@ def _of_file(chain: Chain, survey: Survey, rows: Index, largest_mm: float) -> Ot
     seen = np.linalg.norm(kept, axis=1) > ROUNDED * np.linalg.norm(np.reshape(common, (len(common), -1)), axis=1)
     basis = _orthonormal(kept[seen])
     design, [aim] = left(own), left([residual])
+    norms = np.linalg.norm(design, axis=1)
+    if (norms == 0).any():
+        return None
     design, aim = design - design @ basis @ basis.T, aim - basis @ (basis.T @ aim)
-    norms = np.linalg.norm(left(own), axis=1)
-    if (np.linalg.norm(design, axis=1) < OWN * norms).any():  # a tool has its own part of the travels
+    # of unit columns: a direction of which less is left is common to all tools, or has a part of the travels to itself
+    u, scale, v = np.linalg.svd(design / norms[:, None], full_matrices=False)
+    known = scale > OWN
+    u, scale, v = u[:, known], scale[known], v[known]
+    amounts = v @ aim
+    rest = aim - v.T @ amounts
+    free = len(aim) - 3 * base.shape[1] - basis.shape[1] - len(scale)
+    if not len(scale) or free <= 0 or float(rest @ rest) * GAIN > float(aim @ aim):
         return None
-    shifts, *_ = np.linalg.lstsq(design.T, aim, rcond=None)
-    rest = aim - design.T @ shifts
-    free = len(aim) - 3 * base.shape[1] - basis.shape[1] - len(own)
-    if free <= 0 or float(rest @ rest) * GAIN > float(aim @ aim):
-        return None
-    errors = np.sqrt(np.diag(np.linalg.inv(design @ design.T)) * float(rest @ rest) / free).reshape(-1, 3)
-    shifts = shifts.reshape(-1, 3)
-    sizes = np.linalg.norm(shifts, axis=1)
-    k = int(np.argmax(sizes))
-    if sizes[k] < max(largest_mm, SURE * float(np.linalg.norm(errors[k]))):
-        return None
-    place, table = places[others[k]], survey.table.iloc[rows]
-    numbers = tuple(table["row"].to_numpy()[target == others[k]].tolist())
-    return OtherTool(str(table["file"].iloc[0]), numbers, place, place + shifts[k], places[first])
+    shifts = (u @ (amounts / scale) / norms).reshape(-1, 3)
+    errors = np.sqrt(np.sum((u / scale) ** 2, axis=1) / norms**2 * float(rest @ rest) / free).reshape(-1, 3)
+    sizes, least = np.linalg.norm(shifts, axis=1), SURE * np.linalg.norm(errors, axis=1)
+    return shifts if (sizes >= np.maximum(largest_mm, least)).any() else None
 
 
 def _moved(chain: Chain, columns: dict[str, Array], by: Array) -> Array:
