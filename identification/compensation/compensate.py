@@ -211,7 +211,7 @@ def compensate(
             *rotation_notes(fit.frames),
             *survey_notes(volume, setup, held is not None, read),
         ),
-        (*of_tools, *said, *late_lines(field, own is not None)),
+        (*of_tools, *said, *late_lines(field, own is not None, table, states)),
         rotary,
         tuple(columns),
         unconfirmed,
