@@ -54,8 +54,6 @@ def test_tables_for_a_temperature_are_for_a_machine_that_has_settled(warming: Pa
     # 6 K either way, of which 4.7 arrive
     beyond = r"late had 1[56]\.\d to 24\.\d degC in the survey: the tables for 14\.\d and 25\.\d degC are carried on"
     assert re.search(beyond, text)
-        r"what follows T_x late had 1[56]\.\d to 24\.\d degC in the survey: the tables for 14\.\d and 25\.\d", text
-    )
     # a control that has the temperature itself needs more
     text = text_of(warming, tmp_path / "b", "siemens-lec")
     assert "A control that corrects by T_x itself takes it behind that lag: filter it so in the PLC" in text
