@@ -108,9 +108,11 @@ def _gross(
     if not seen.any():
         return np.zeros(len(seen), dtype=bool)
     gross: Mask = np.zeros_like(seen)
-    single = np.square(residuals[np.isfinite(residuals)])  # the components of a row may have tails each for itself
-    thinned = single[:: len(single) // MOST_USED + 1]
-    farthest = max(_farthest(square, components, len(square)), _farthest(thinned, 1, len(single)) / components)
+    farthest = _farthest(square, components, len(square))
+    near = residuals[seen][square < _least(square, components)]
+    single = np.square(near[np.isfinite(near)])  # the components of a row may have tails each for itself
+    if len(single):
+        farthest = max(farthest, _farthest(single[:: len(single) // MOST_USED + 1], 1, len(single)) / components)
     if np.isfinite(least) and len(square) > FEWEST:
         lead, edge = contaminated(square[:: len(square) // MOST_USED + 1], components)  # evenly over the survey
         log.add("contaminated-noise", "found" if lead > least else "passed", "rows", lead, least)
@@ -129,6 +131,12 @@ def _gross(
     return gross if few else np.zeros_like(gross)
 
 
+def _least(square: Array, components: int) -> float:
+    """The mean square of so many components that Gaussian noise whose median is that of the squares never has."""
+    middle = max(float(np.median(square)), 1e-18)
+    return GROSS**2 / components * middle / float(quantile_of_student(np.array(TAILS[-1]), 0.5, components))
+
+
 def _farthest(square: Array, components: int, number: int) -> float:
     """The largest mean square of so many components that the noise explains in a `number` of them, by squares (n,).
 
@@ -139,8 +147,7 @@ def _farthest(square: Array, components: int, number: int) -> float:
     k, middle = components, max(float(np.median(square)), 1e-18)
     free = np.array(TAILS)
     size = middle / quantile_of_student(free, 0.5, k)
-    gaussian = float(size[-1])
-    least = GROSS**2 / k * gaussian
+    least = _least(square, k)
     near = square[square < least]
     x = np.maximum(near, 1e-12 * middle)[:, None] / size
     edge = least / size

@@ -191,9 +191,10 @@ def _with_refinement(
 
 def _added(model: EffectModel, tries: Sequence[Step], log: DecisionLog) -> EffectModel | None:
     """The model with the one of some steps that predicts rows left out best; None where none predicts them better."""
-    # a name is judged by its density; a function that stands for no physics by how near its predictions come
-    empirical = tries[0].parent is not None or tries[0].effect.empirical
-    linear, measure = model.linear, heldout_rms if empirical else predictive_deviation
+    # a form of physics is judged by its density; a curve of any form by how near its predictions come
+    main = tries[0]
+    of_any_form = main.parent is not None or main.effect.empirical or main.effect.flexible
+    linear, measure = model.linear, heldout_rms if of_any_form else predictive_deviation
     error, _, best_growth = min(
         (measure(g.linear), k, g) for k, g in enumerate(refit_time_constants(with_step(model, s)) for s in tries)
     )
