@@ -16,9 +16,7 @@ NEAR_K = 0.5  # K beyond the temperatures that were measured: a sensor is no bet
 SETTLED = 3.0  # time constants of a lag, after which a twentieth of a change is to come
 
 
-def late_lines(
-    field: Field, own: bool, table: pd.DataFrame, states: Sequence[Mapping[str, float]] = ()
-) -> Iterator[str]:
+def late_lines(field: Field, own: bool, table: pd.DataFrame, states: Sequence[Mapping[str, float]]) -> Iterator[str]:
     """For each temperature that acts behind a lag, when its tables are right, and which lie beyond what was measured.
 
     Parameters

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Index
 from errormodel.channels import root
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
@@ -81,18 +83,15 @@ def _predictive_deviation(linear: LinearModel, blocks: int = 12) -> float:
     So its quadratic form is ``r' (I - Q_b Q_b')^-1 r``; the noise that makes all blocks likeliest is stated, times
     the root of all determinants.
     """
-    number = linear.blocks(blocks)
-    square = spread = 0.0
-    for b in np.unique(number):
-        rows = np.flatnonzero(number == b)
-        q, r = linear.basis[rows], linear.residual[rows]
+    square, spread, seen = 0.0, 0.0, len(linear.index)
+    for _, q, r in _in_blocks(linear, blocks):
         wide = len(q) < q.shape[1]
         kept, vectors = np.linalg.eigh(np.eye(len(q)) - q @ q.T if wide else np.eye(q.shape[1]) - q.T @ q)
         known = kept > 1e-9  # what only this block determines has no part in its residual
         part = vectors[:, known].T @ (r if wide else q.T @ r)
         square += float(np.sum(part**2 / kept[known])) + (0.0 if wide else float(r @ r))
         spread -= float(np.log(kept[known]).sum())
-    return float(np.sqrt(square / len(number) * np.exp(spread / len(number))))
+    return float(np.sqrt(square / seen * np.exp(spread / seen)))
 
 
 def cross_validation_residuals(linear: LinearModel, blocks: int = 12) -> Array:
@@ -101,11 +100,8 @@ def cross_validation_residuals(linear: LinearModel, blocks: int = 12) -> Array:
     With an orthonormal basis Q, leaving block b out turns its residual r into ``r + Q_b (I - Q_b'Q_b)^-1 Q_b' r``,
     which is ``(I - Q_b Q_b')^-1 r``: the smaller system is solved.
     """
-    number = linear.blocks(blocks)
-    out = np.empty(len(number))
-    for b in np.unique(number):
-        rows = np.flatnonzero(number == b)
-        q, r = linear.basis[rows], linear.residual[rows]
+    out = np.empty(len(linear.index))
+    for rows, q, r in _in_blocks(linear, blocks):
         # what only this block determines has no part in its residual: a trace of the identity keeps that solvable
         one = 1 + 1e-9
         if len(q) < q.shape[1]:
@@ -113,3 +109,11 @@ def cross_validation_residuals(linear: LinearModel, blocks: int = 12) -> Array:
         else:
             out[rows] = r + q @ np.linalg.solve(one * np.eye(q.shape[1]) - q.T @ q, q.T @ r)
     return out
+
+
+def _in_blocks(linear: LinearModel, blocks: int) -> Iterator[tuple[Index, Array, Array]]:
+    """Observations of each block of consecutive rows, their part of the basis, and their residuals."""
+    number = linear.blocks(blocks)
+    for b in np.unique(number):
+        rows = np.flatnonzero(number == b)
+        yield rows, linear.basis[rows], linear.residual[rows]
